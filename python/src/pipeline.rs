@@ -238,6 +238,13 @@ impl Pipeline {
         to_rows(py, memory_of(&*self.lock()?)?.colors().iter().copied())
     }
 
+    /// True for each Gaussian whose distance is known, `(Gaussians,)`.
+    fn has_place(&self, py: Python<'_>) -> PyResult<Py<PyArray1<bool>>> {
+        let guard = self.lock()?;
+        let surfaces = memory_of(&guard)?.surfaces().iter();
+        Ok(PyArray1::from_iter(py, surfaces.map(|surface| surface.has_place())).unbind())
+    }
+
     /// The id of each Gaussian, `(Gaussians,)`.
     fn segment_ids(&self, py: Python<'_>) -> PyResult<Py<PyArray1<u32>>> {
         Ok(PyArray1::from_vec(py, memory_of(&*self.lock()?)?.segment_ids()).unbind())

@@ -73,7 +73,8 @@ def test_the_memory_is_arrays(room):
     count = len(memory)
     assert count > 500
     assert memory.means.shape == memory.colors.shape == (count, 3)
-    assert memory.radii.shape == memory.segment_ids.shape == (count,)
+    assert memory.radii.shape == memory.segment_ids.shape == memory.has_place.shape == (count,)
+    assert memory.has_place.all(), "the room has depth everywhere"
     assert (memory.means.dtype, memory.colors.dtype, memory.segment_ids.dtype) == (np.float64, np.uint8, np.uint32)
     assert set(np.unique(result.ids)) <= set(np.unique(memory.segment_ids)) | {0}
 

@@ -36,6 +36,7 @@ fn drifted_map() -> SplatFile {
             last_seen: vec![7; COUNT],
             seen_through: vec![0; COUNT],
             anchors: vec![],
+            surfaces: vec![],
         },
         content: SplatContent::Evidence { votes: segment_ids.iter().map(|id| Votes::one(*id, 4.0)).collect() },
         segment_ids,

@@ -50,6 +50,7 @@ fn files(criterion: &mut Criterion) {
         last_seen: vec![7; COUNT],
         seen_through: vec![0; COUNT],
         anchors: vec![],
+        surfaces: vec![],
     };
     let evidence = SplatContent::Evidence { votes: vec![Votes::one(1, 4.0); COUNT] };
     let features = SplatContent::Features { features: vec![0.25; COUNT * 28], codebook: codebook(512, 28) };

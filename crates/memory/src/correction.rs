@@ -185,6 +185,7 @@ impl SplatMemory {
                 self.store.absorb(*later, *earlier);
                 self.map.last_seen[*earlier] = self.map.last_seen[*earlier].max(self.map.last_seen[*later]);
                 self.map.seen_through[*earlier] = 0;
+                self.map.surfaces[*earlier] = self.map.surfaces[*earlier].min(self.map.surfaces[*later]);
                 keep[*later] = false;
             }
         }

@@ -3,11 +3,18 @@
 //! A segment without depth in most of its pixels is assumed to continue the plane of the surface around it, so that
 //! Gaussians can be added there and remember it. Without a surface nearby, it is assumed to be far away, like sky. This
 //! is not in the paper.
+//!
+//! A pixel counts as a surface continued ([`SurfaceKind::Continued`]) only if it lies between two pixels that the plane is
+//! fitted to, left and right or above and below, also in depth, and at least half of all these were measured. Otherwise
+//! its depth is a guess, or continues one.
 
+use crate::COVERED;
+use crate::map::SurfaceKind;
 use crate::recall::Recall;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use splatseg_geometry::{Image, SegmentId, SegmentMap, distance_transform};
+use splatseg_render::TileWeights;
 use std::collections::BTreeMap;
 
 /// A segment is completed if at least this share of it has no depth.
@@ -22,20 +29,98 @@ const MIN_SURFACE: usize = 30;
 /// Assumed distance of segments without a surrounding surface, metres.
 const FAR: f64 = 50.0;
 
+/// Maximum relative deviation of a continued pixel's inverse depth from the line between two points of the surface.
+const MAX_OFF_LINE: f64 = 0.03;
+
 /// Number of plane fits. Each fit gives less weight to pixels far from the previous plane.
 const FITS: usize = 5;
 
 /// Relative residual below which pixels have equal weight.
 const MIN_RESIDUAL: f64 = 0.01;
 
+/// A frame's depth, completed.
+pub(crate) struct CompletedDepth {
+    /// z-depth in metres, 0 where still missing, `[height, width]`.
+    pub depth: Image<f32>,
+    /// What is known about the depth of each pixel, `[height, width]`.
+    pub surfaces: Image<SurfaceKind>,
+}
+
+/// The plane that a segment is assumed to lie in.
+struct Completion {
+    id: SegmentId,
+    /// The segment's pixels without any surface.
+    crop: Crop,
+    /// Inverse depth `p · (column, row, 1)`.
+    plane: DVec3,
+    /// The surface that it is fitted to; `None` if too little of it was measured.
+    fitted: Option<FittedSurface>,
+}
+
+/// The outermost pixels of a surface in each row and column.
+#[derive(Default)]
+struct FittedSurface {
+    rows: BTreeMap<usize, Span>,
+    columns: BTreeMap<usize, Span>,
+}
+
+/// Two pixels of a row or column: their places, and their inverse depths.
+struct Span {
+    places: (usize, usize),
+    inverses: (f64, f64),
+}
+
+impl FittedSurface {
+    fn include(&mut self, (column, row): (usize, usize), inverse: f64) {
+        for (spans, line, place) in [(&mut self.rows, row, column), (&mut self.columns, column, row)] {
+            let span = spans.entry(line).or_insert(Span { places: (place, place), inverses: (inverse, inverse) });
+            if place < span.places.0 {
+                (span.places.0, span.inverses.0) = (place, inverse);
+            }
+            if place > span.places.1 {
+                (span.places.1, span.inverses.1) = (place, inverse);
+            }
+        }
+    }
+
+    /// True if a pixel of this inverse depth lies on the line between two points of the surface.
+    fn surrounds(&self, (column, row): (usize, usize), inverse: f64) -> bool {
+        let is_on = |span: Option<&Span>, place: usize| span.is_some_and(|span| span.contains(place, inverse));
+        is_on(self.rows.get(&row), column) || is_on(self.columns.get(&column), row)
+    }
+}
+
+impl Span {
+    fn contains(&self, place: usize, inverse: f64) -> bool {
+        let (first, last) = self.places;
+        if !(first..=last).contains(&place) {
+            return false;
+        }
+        let share = (place - first) as f64 / (last - first).max(1) as f64;
+        let between = self.inverses.0 + share * (self.inverses.1 - self.inverses.0);
+        (inverse / between - 1.0).abs() <= MAX_OFF_LINE
+    }
+}
+
+impl Completion {
+    /// The inverse depth at a pixel, and what is known about it.
+    fn at(&self, index: usize, width: usize) -> (f64, SurfaceKind) {
+        let inverse = self.plane.dot(homogeneous(index, width));
+        let pixel = (index % width, index / width);
+        let is_continued = self.fitted.as_ref().is_some_and(|surface| surface.surrounds(pixel, inverse));
+        (inverse, if is_continued { SurfaceKind::Continued } else { SurfaceKind::Assumed })
+    }
+}
+
 /// Returns the frame's depth, completed where segments of `predicted` have no depth and the map has no surface either;
-/// `None` if there is nothing to complete. `is_covered` returns true for pixels whose surface the map has.
+/// `None` if there is nothing to complete. `surfaces` has one entry for each Gaussian of the map.
 pub(crate) fn completed_depth(
     recall: &Recall<'_>,
     predicted: &SegmentMap,
-    is_covered: impl Fn(usize) -> bool + Sync,
-) -> Option<Image<f32>> {
+    surfaces: &[SurfaceKind],
+) -> Option<CompletedDepth> {
     let observed = recall.frame.depth();
+    let is_covered = |index: usize| recall.covered.pixels()[index] >= COVERED;
     let surface = |index: usize| match observed.pixels()[index] {
         depth if depth > 0.0 => depth,
         _ if is_covered(index) => recall.depth.pixels()[index],
@@ -45,17 +130,46 @@ pub(crate) fn completed_depth(
     if incomplete.is_empty() {
         return None;
     }
-    let planes: Vec<(Crop, SegmentId, DVec3)> =
-        incomplete.into_par_iter().map(|(id, crop)| (crop, id, plane_around(id, &crop, predicted, &surface))).collect();
+    let from_measured = weights_of_measured(recall, surfaces);
+    let is_measured = |index: usize| {
+        let (measured, all) = (from_measured.pixels()[index], recall.silhouette.pixels()[index]);
+        observed.pixels()[index] > 0.0 || 2.0 * measured >= all
+    };
+    let completion = |(id, crop)| completion(id, crop, predicted, &surface, &is_measured);
+    let completions: Vec<Completion> = incomplete.into_par_iter().map(completion).collect();
     let mut depth = Image::from_fn(observed.width(), observed.height(), |column, row| observed[(column, row)]);
-    for (crop, id, plane) in planes {
-        for index in crop.pixels(predicted.width()) {
-            if predicted.pixels()[index] == id && surface(index) == 0.0 {
-                depth.pixels_mut()[index] = (1.0 / plane.dot(homogeneous(index, predicted.width()))) as f32;
+    let mut surfaces = Image::filled(observed.width(), observed.height(), SurfaceKind::Observed);
+    for completion in completions {
+        for index in completion.crop.pixels(predicted.width()) {
+            if predicted.pixels()[index] == completion.id && surface(index) == 0.0 {
+                let (inverse, kind) = completion.at(index, predicted.width());
+                depth.pixels_mut()[index] = (1.0 / inverse) as f32;
+                surfaces.pixels_mut()[index] = kind;
             }
         }
     }
-    Some(depth)
+    Some(CompletedDepth { depth, surfaces })
+}
+
+/// The part of the rendered silhouette, 0 to 1, that shows observed Gaussians, `[height, width]`.
+fn weights_of_measured(recall: &Recall<'_>, surfaces: &[SurfaceKind]) -> Image<f32> {
+    if surfaces.iter().all(|surface| *surface == SurfaceKind::Observed) {
+        return recall.silhouette.clone();
+    }
+    let mut measured = Image::filled(recall.frame.width(), recall.frame.height(), 0.0);
+    for tile in recall.view.weights().tiles() {
+        let (left, top) = tile.origin();
+        for (column, gaussian) in tile.gaussians().iter().enumerate() {
+            if surfaces[*gaussian as usize] == SurfaceKind::Observed {
+                for (pixel, weight) in tile.column(column) {
+                    let (row, column) =
+                        (usize::from(pixel) / TileWeights::SIDE, usize::from(pixel) % TileWeights::SIDE);
+                    measured[(left + column, top + row)] += weight;
+                }
+            }
+        }
+    }
+    measured
 }
 
 /// A rectangle of pixels: first and last columns and rows.
@@ -115,10 +229,16 @@ fn incomplete_segments(
     crops
 }
 
-/// Returns the plane `p` with inverse depth `p · (column, row, 1)` of the surface around a segment's missing pixels. It
-/// is fitted to the segment's own surface if there is enough of it: a screen lies in the plane of its frame, not of the
-/// wall behind.
-fn plane_around(id: SegmentId, crop: &Crop, predicted: &SegmentMap, surface: &impl Fn(usize) -> f32) -> DVec3 {
+/// Returns the plane of the surface around a segment's missing pixels. It is fitted to the segment's own surface if there
+/// is enough of it: a screen lies in the plane of its frame, not of the wall behind. `is_measured` returns true for pixels
+/// whose surface was measured, now or before.
+fn completion(
+    id: SegmentId,
+    crop: Crop,
+    predicted: &SegmentMap,
+    surface: &impl Fn(usize) -> f32,
+    is_measured: &impl Fn(usize) -> bool,
+) -> Completion {
     let around = crop.grown(REACH as usize, predicted.size());
     let indices: Vec<usize> = around.pixels(predicted.width()).collect();
     let is_missing = |place: usize| predicted.pixels()[indices[place]] == id && surface(indices[place]) == 0.0;
@@ -128,7 +248,12 @@ fn plane_around(id: SegmentId, crop: &Crop, predicted: &SegmentMap, surface: &im
     let own: Vec<usize> = all.iter().copied().filter(|index| predicted.pixels()[*index] == id).collect();
     let points = if own.len() >= MIN_SURFACE { own } else { all };
     if points.len() < MIN_SURFACE {
-        return DVec3::new(0.0, 0.0, 1.0 / FAR);
+        return Completion { id, crop, plane: DVec3::new(0.0, 0.0, 1.0 / FAR), fitted: None };
+    }
+    let is_known = 2 * points.iter().filter(|index| is_measured(**index)).count() >= points.len();
+    let mut fitted = FittedSurface::default();
+    for index in &points {
+        fitted.include((index % predicted.width(), index / predicted.width()), 1.0 / f64::from(surface(*index)));
     }
     let points: Vec<(DVec3, f64)> = points
         .into_iter()
@@ -143,10 +268,11 @@ fn plane_around(id: SegmentId, crop: &Crop, predicted: &SegmentMap, surface: &im
         let inverses = crop.corners().map(|corner| plane.dot(corner));
         inverses.iter().all(|inverse| (0.5 * least..=2.0 * most).contains(inverse))
     };
-    plane.filter(holds).unwrap_or_else(|| {
+    let plane = plane.filter(holds).unwrap_or_else(|| {
         let mean = points.iter().map(|(_, inverse)| inverse).sum::<f64>() / points.len() as f64;
         DVec3::new(0.0, 0.0, mean)
-    })
+    });
+    Completion { id, crop, plane, fitted: is_known.then_some(fitted) }
 }
 
 impl Crop {

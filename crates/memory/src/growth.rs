@@ -7,8 +7,8 @@
 //! a segment, one Gaussian stands for a block of pixels; blocks grow with the distance to the nearest border.
 
 use crate::borders::{Borders, MAX_DISTANCE};
-use crate::depth_completion::completed_depth;
-use crate::map::NewGaussian;
+use crate::depth_completion::{CompletedDepth, completed_depth};
+use crate::map::{NewGaussian, SurfaceKind};
 use crate::recall::Recall;
 use crate::settings::RELATIVE_TOLERANCE;
 use crate::{COVERED, GrowthRule, MemorySettings};
@@ -22,15 +22,16 @@ const SPACING_PER_DISTANCE: f32 = 2.0;
 /// Standard deviation of a new Gaussian divided by the spacing between Gaussians. The paper's is 1.
 pub const RADIUS_PER_SPACING: f32 = 0.6;
 
-/// Returns the Gaussians that the growth rule in force adds.
+/// Returns the Gaussians that the growth rule in force adds to a map whose Gaussians have these `surfaces`.
 pub(crate) fn new_gaussians(
     recall: &Recall<'_>,
     predicted: &SegmentMap,
+    surfaces: &[SurfaceKind],
     settings: &MemorySettings,
 ) -> Vec<NewGaussian> {
     match settings.growth_rule() {
         GrowthRule::Paper => grow_per_pixel(recall, settings),
-        _ => grow_missing(recall, predicted, settings),
+        _ => grow_missing(recall, predicted, surfaces, settings),
     }
 }
 
@@ -54,6 +55,7 @@ fn grow_per_pixel(recall: &Recall<'_>, settings: &MemorySettings) -> Vec<NewGaus
                     mean: recall.map_from_camera.to_world(point_camera),
                     radius: depth / focal,
                     color: frame.color()[(column, row)],
+                    surface: SurfaceKind::Observed,
                 })
             })
         })
@@ -61,10 +63,16 @@ fn grow_per_pixel(recall: &Recall<'_>, settings: &MemorySettings) -> Vec<NewGaus
 }
 
 /// Returns the Gaussians that the map lacks, small ones at the borders of predictions.
-fn grow_missing(recall: &Recall<'_>, predicted: &SegmentMap, settings: &MemorySettings) -> Vec<NewGaussian> {
+fn grow_missing(
+    recall: &Recall<'_>,
+    predicted: &SegmentMap,
+    surfaces: &[SurfaceKind],
+    settings: &MemorySettings,
+) -> Vec<NewGaussian> {
     let frame = recall.frame;
-    let completed = completed_depth(recall, predicted, |index| recall.covered.pixels()[index] >= COVERED);
-    let depth = completed.map_or_else(|| frame.depth().as_borrowed(), CowImage::from);
+    let completed = completed_depth(recall, predicted, surfaces);
+    let depth =
+        completed.as_ref().map_or_else(|| frame.depth().as_borrowed(), |completed| completed.depth.as_borrowed());
     let borders = Borders::new(&depth, predicted, RELATIVE_TOLERANCE);
     let states = Image::from_fn(frame.width(), frame.height(), |column, row| {
         let at = (column, row);
@@ -79,6 +87,7 @@ fn grow_missing(recall: &Recall<'_>, predicted: &SegmentMap, settings: &MemorySe
     let growth = Growth {
         frame,
         depth: &depth,
+        completed: completed.as_ref(),
         map_from_camera,
         borders: &borders,
         states: &states,
@@ -121,6 +130,7 @@ struct Growth<'a> {
     frame: &'a RgbdFrame<'a>,
     /// The frame's depth, completed.
     depth: &'a CowImage<'a, f32>,
+    completed: Option<&'a CompletedDepth>,
     map_from_camera: LocalPose,
     borders: &'a Borders,
     states: &'a Image<PixelState>,
@@ -177,7 +187,7 @@ impl Growth<'_> {
     ) -> Option<NewGaussian> {
         let mut count = 0.0;
         let (mut sum, mut color_sum) = (Vec3::ZERO, [0.0; 3]);
-        let mut pixel = None;
+        let (mut pixel, mut surface) = (None, SurfaceKind::Observed);
         for row in rows {
             for column in columns.clone().filter(|column| self.states[(*column, row)] == PixelState::Missing) {
                 let depth = self.depth[(column, row)];
@@ -186,6 +196,7 @@ impl Growth<'_> {
                     *sum += f32::from(channel);
                 }
                 count += 1.0;
+                surface = surface.max(self.surface((column, row)));
                 pixel.get_or_insert(row * self.frame.width() + column);
             }
         }
@@ -195,6 +206,15 @@ impl Growth<'_> {
             mean: self.map_from_camera.to_world(mean_camera),
             radius: RADIUS_PER_SPACING * side as f32 * mean_camera.z / self.focal,
             color: color_sum.map(|sum| (sum / count).round() as u8),
+            surface,
         })
+    }
+
+    /// What is known about a pixel's depth.
+    fn surface(&self, at: (usize, usize)) -> SurfaceKind {
+        match self.completed {
+            Some(completed) => completed.surfaces[at],
+            None => SurfaceKind::Observed,
+        }
     }
 }

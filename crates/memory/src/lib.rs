@@ -34,7 +34,7 @@ pub use error::MemoryError;
 pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings};
 pub use growth::RADIUS_PER_SPACING;
-pub use map::{NewGaussian, SplatMap};
+pub use map::{NewGaussian, SplatMap, SurfaceKind};
 pub use persistence::{Attached, LoadMemoryError};
 pub use ply::{ExportedForm, ExportedGaussian, write_exported};
 pub use ply::{SavedCodes, SavedMemorySettings};

@@ -1,6 +1,7 @@
 //! The Gaussians of the map: positions, radii and colours, without the segments that they remember.
 
 use glam::Vec3;
+use serde::{Deserialize, Serialize};
 use splatseg_geometry::KeyframeId;
 use splatseg_render::Balls;
 
@@ -18,6 +19,30 @@ pub struct SplatMap {
     /// The keyframe that each Gaussian is attached to. Empty in a [`SplatFile`](crate::SplatFile), where it is part of the
     /// `short_term` text.
     pub anchors: Vec<KeyframeId>,
+    /// What is known about the place of each Gaussian. Empty in a [`SplatFile`](crate::SplatFile), as `anchors`.
+    pub surfaces: Vec<SurfaceKind>,
+}
+
+/// What is known about the place of a Gaussian. Depth is missing on screens, glass and black things, and beyond the
+/// sensor's range; Gaussians are added there nevertheless, so that their segments are remembered.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum SurfaceKind {
+    /// Depth was measured there.
+    #[default]
+    Observed,
+    /// It continues the plane of a measured surface.
+    Continued,
+    /// Nothing was measured near it: it has a direction, but its distance is arbitrary. It belongs to no shape and is no
+    /// point of a point cloud.
+    Assumed,
+}
+
+impl SurfaceKind {
+    /// True if the place means something: it was measured, or continues a measured surface.
+    pub fn has_place(self) -> bool {
+        self != Self::Assumed
+    }
 }
 
 /// A Gaussian to be added: the surface patch seen by a pixel or a block of pixels.
@@ -31,6 +56,8 @@ pub struct NewGaussian {
     pub radius: f32,
     /// sRGB.
     pub color: [u8; 3],
+    /// What is known about its place.
+    pub surface: SurfaceKind,
 }
 
 impl SplatMap {
@@ -47,6 +74,7 @@ impl SplatMap {
         for gaussian in added {
             self.balls.push(gaussian.mean, gaussian.radius);
             self.colors.push(gaussian.color);
+            self.surfaces.push(gaussian.surface);
         }
         self.last_seen.resize(self.len(), frame);
         self.seen_through.resize(self.len(), 0);
@@ -61,6 +89,7 @@ impl SplatMap {
         retain(&mut self.last_seen, keep);
         retain(&mut self.seen_through, keep);
         retain(&mut self.anchors, keep);
+        retain(&mut self.surfaces, keep);
     }
 }
 

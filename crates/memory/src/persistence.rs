@@ -5,11 +5,13 @@ use crate::features::{FeatureStore, SegmentCodes};
 use crate::recent::RecentFrames;
 use crate::segment_store::SegmentStore;
 use crate::segments::{SavedSegment, Segments};
-use crate::short_term::ShortTermMemory;
+use crate::short_term::{ShortTermMemory, restored_runs, runs};
 use crate::shown_together::ShownTogether;
 use crate::splat_memory::largest_id;
-use crate::{MemoryError, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView, SplatMemory};
-use splatseg_geometry::{KeyframeId, SegmentId};
+use crate::{
+    MemoryError, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView, SplatMemory, SurfaceKind,
+};
+use splatseg_geometry::SegmentId;
 use std::path::Path;
 use thiserror::Error;
 
@@ -86,13 +88,13 @@ impl SplatMemory {
         let ids: Vec<SegmentId> = live.iter().map(|segment| segment.id).collect();
         let sightings: Vec<u32> = live.iter().map(|segment| segment.sightings).collect();
         let carried: Vec<bool> = live.iter().map(|segment| segment.carried).collect();
-        let anchors = &self.map.anchors;
-        let anchors = anchors.chunk_by(|one, other| one == other).map(|run| (run[0], run.len() as u64)).collect();
+        let is_observed = self.map.surfaces.iter().all(|surface| *surface == SurfaceKind::Observed);
         let (together, crowded) = self.together.saved();
         let short_term = ShortTermMemory {
             ids: self.segments.saved_ids(),
             recent: self.recent.saved(),
-            anchors,
+            anchors: runs(&self.map.anchors),
+            surfaces: if is_observed { Vec::new() } else { runs(&self.map.surfaces) },
             together,
             crowded,
             remapped: self.remapped.iter().map(|(from, into)| (*from, *into)).collect(),
@@ -130,7 +132,8 @@ impl SplatMemory {
         let restored = ShortTermMemory::from_bytes(&short_term).and_then(|saved| {
             let segments = Segments::restored(&live, saved.ids.clone(), largest_id(&settings))?;
             let recent = RecentFrames::restored(saved.recent, segments.highest())?;
-            map.anchors = restored_anchors(&saved.anchors, map.len())?;
+            map.anchors = restored_runs("keyframes", &saved.anchors, map.len(), 0)?;
+            map.surfaces = restored_runs("surfaces", &saved.surfaces, map.len(), SurfaceKind::Observed)?;
             let together = ShownTogether::restored((saved.together, saved.crowded));
             Ok((segments, recent, together, saved.remapped, (saved.keyframes, saved.names)))
         });
@@ -173,16 +176,4 @@ impl SplatMemory {
 
 fn text(bytes: Option<&[u8]>) -> String {
     bytes.map_or_else(String::new, |bytes| String::from_utf8_lossy(bytes).into_owned())
-}
-
-/// The keyframe of each of `count` Gaussians. Files without them have one keyframe.
-fn restored_anchors(runs: &[(KeyframeId, u64)], count: usize) -> Result<Vec<KeyframeId>, String> {
-    if runs.is_empty() {
-        return Ok(vec![0; count]);
-    }
-    let found = runs.iter().fold(0u64, |sum, (_, length)| sum.saturating_add(*length));
-    if found != count as u64 {
-        return Err(format!("keyframes of {found} Gaussians, expected {count}"));
-    }
-    Ok(runs.iter().flat_map(|(keyframe, length)| std::iter::repeat_n(*keyframe, *length as usize)).collect())
 }

@@ -5,7 +5,7 @@
 //! ([`record_sights`]).
 
 use crate::MemorySettings;
-use crate::map::SplatMap;
+use crate::map::{SplatMap, SurfaceKind};
 use glam::Vec3;
 use rayon::prelude::*;
 use splatseg_geometry::RgbdFrame;
@@ -90,7 +90,8 @@ pub(crate) fn sights(
     (sights, contradicts)
 }
 
-/// Records how frame number `frame` sees every Gaussian. A Gaussian is gone once `removal_frames` frames saw through it
+/// Records how frame number `frame` sees every Gaussian. One that it sees has been observed, even if it was added where
+/// depth was missing. A Gaussian is gone once `removal_frames` frames saw through it
 /// and none saw it in between. If any is gone, returns for each Gaussian whether to keep it.
 pub(crate) fn record_sights(map: &mut SplatMap, sights: &[Sight], removal_frames: u8, frame: u32) -> Option<Vec<bool>> {
     let mut removed = Vec::new();
@@ -99,6 +100,7 @@ pub(crate) fn record_sights(map: &mut SplatMap, sights: &[Sight], removal_frames
             Sight::Seen => {
                 map.last_seen[index] = frame;
                 map.seen_through[index] = 0;
+                map.surfaces[index] = SurfaceKind::Observed;
             }
             Sight::SeenThrough if removal_frames > 0 => {
                 map.seen_through[index] = map.seen_through[index].saturating_add(1);
@@ -272,11 +274,19 @@ mod tests {
     #[test]
     fn removal_counts_frames_that_see_through_up_to_its_number() {
         let mut map = SplatMap::default();
-        let new = |pixel| crate::NewGaussian { pixel, mean: Vec3::Z, radius: 0.1, color: [0; 3] };
+        let new = |pixel| crate::NewGaussian {
+            pixel,
+            mean: Vec3::Z,
+            radius: 0.1,
+            color: [0; 3],
+            surface: SurfaceKind::Assumed,
+        };
         map.add(&[new(0), new(1), new(2)], 0, 0);
         let through_first = [Sight::SeenThrough, Sight::Seen, Sight::Unknown];
         assert_eq!(record_sights(&mut map, &through_first, 2, 5), None);
         assert_eq!((&map.last_seen[..], &map.seen_through[..]), (&[0, 5, 0][..], &[1, 0, 0][..]));
+        use SurfaceKind::{Assumed, Observed};
+        assert_eq!(map.surfaces, [Assumed, Observed, Assumed], "only what is seen is observed");
         let found = record_sights(&mut map, &[Sight::SeenThrough, Sight::SeenThrough, Sight::Unknown], 2, 6);
         assert_eq!(found, Some(vec![false, true, true]));
         assert_eq!(record_sights(&mut map, &[Sight::Seen, Sight::Unknown, Sight::Unknown], 2, 7), None);

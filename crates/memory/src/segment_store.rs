@@ -76,6 +76,12 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
         None
     }
 
+    /// Returns how often each Gaussian was seen as its entry of [`segment_ids`](Self::segment_ids), in frames, up to a
+    /// maximum. The default returns `None`, for a kind of memory that does not count.
+    fn segment_votes(&self) -> Option<Vec<f32>> {
+        None
+    }
+
     /// Returns the ids whose hold may have changed since the last call, and how Gaussians hold them now. The first call
     /// after a memory was loaded returns all ids. The default returns `None`, for a kind of memory that does not count
     /// holders: then the ids in [`segment_ids`](Self::segment_ids) are held, which takes time proportional to the map.

@@ -4,6 +4,7 @@
 //! It is written as JSON, because it is small and its parts change more often than the map. Empty text stands for the
 //! default state.
 
+use crate::map::SurfaceKind;
 use crate::recent::SavedRecentFrames;
 use crate::segments::SavedIds;
 use serde::{Deserialize, Serialize};
@@ -23,6 +24,10 @@ pub(crate) struct ShortTermMemory {
     /// The keyframe of each Gaussian, as runs: keyframe and length. Older files lack it, and all that follows.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub anchors: Vec<(KeyframeId, u64)>,
+    /// What is known about the place of each Gaussian, as runs: kind and length. Empty if all were observed; older files
+    /// lack it, and all their Gaussians count as observed.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub surfaces: Vec<(SurfaceKind, u64)>,
     /// Ids that were shown side by side: for each the larger ones.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub together: Vec<(SegmentId, Vec<SegmentId>)>,
@@ -60,4 +65,47 @@ impl ShortTermMemory {
         }
         serde_json::from_slice(bytes).map_err(|error| error.to_string())
     }
+}
+
+/// Runs of equal entries: entry and length.
+pub(crate) fn runs<T: Copy + PartialEq>(entries: &[T]) -> Vec<(T, u64)> {
+    entries.chunk_by(|one, other| one == other).map(|run| (run[0], run.len() as u64)).collect()
+}
+
+/// The entries of `count` Gaussians from their runs; all of them `missing` in a file without runs.
+///
+/// # Errors
+/// If the runs have another length.
+pub(crate) fn restored_runs<T: Copy>(
+    what: &str,
+    runs: &[(T, u64)],
+    count: usize,
+    missing: T,
+) -> Result<Vec<T>, String> {
+    if runs.is_empty() {
+        return Ok(vec![missing; count]);
+    }
+    let found = runs.iter().fold(0u64, |sum, (_, length)| sum.saturating_add(*length));
+    if found != count as u64 {
+        return Err(format!("{what} of {found} Gaussians, expected {count}"));
+    }
+    Ok(runs.iter().flat_map(|(entry, length)| std::iter::repeat_n(*entry, *length as usize)).collect())
+}
+
+/// The surfaces in the text of a file with `count` Gaussians.
+///
+/// # Errors
+/// As [`ShortTermMemory::from_bytes`], and if the runs have another length.
+pub(crate) fn saved_surfaces(bytes: &[u8], count: usize) -> Result<Vec<SurfaceKind>, String> {
+    /// The rest of the text may be large.
+    #[derive(Default, Deserialize)]
+    #[serde(default)]
+    struct Surfaces {
+        surfaces: Vec<(SurfaceKind, u64)>,
+    }
+    let saved: Surfaces = match bytes {
+        [] => Surfaces::default(),
+        bytes => serde_json::from_slice(bytes).map_err(|error| error.to_string())?,
+    };
+    restored_runs("surfaces", &saved.surfaces, count, SurfaceKind::Observed)
 }

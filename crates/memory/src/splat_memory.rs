@@ -3,7 +3,7 @@
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
 use crate::growth::new_gaussians;
-use crate::map::SplatMap;
+use crate::map::{SplatMap, SurfaceKind};
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Sight, longest_unseen, record_sights, sights};
 use crate::segment_store::SegmentStore;
@@ -170,7 +170,7 @@ impl SplatMemory {
         }
         self.follow(&mut recall);
         let stage = tracing::debug_span!(target: STAGE_TARGET, "grow").entered();
-        let added = new_gaussians(&recall, predicted, &self.settings);
+        let added = new_gaussians(&recall, predicted, &self.map.surfaces, &self.settings);
         self.map.add(&added, self.frames, self.anchor.keyframe);
         self.store.grow(&added, &recall, predicted, contradicted);
         update.grown = added.len();
@@ -365,6 +365,12 @@ impl SplatMemory {
         &self.map.colors
     }
 
+    /// What is known about the place of each Gaussian. Those without a place ([`SurfaceKind::has_place`]) belong to no
+    /// shape and no point cloud.
+    pub fn surfaces(&self) -> &[SurfaceKind] {
+        &self.map.surfaces
+    }
+
     /// Returns the segment that each Gaussian shows by itself, 0 for none.
     pub fn segment_ids(&self) -> Vec<SegmentId> {
         self.store.segment_ids()
@@ -374,6 +380,12 @@ impl SplatMemory {
     /// [`segment_ids`](Self::segment_ids); 1 in a memory without a second opinion.
     pub fn segment_shares(&self) -> Vec<f32> {
         self.store.segment_shares().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
+    }
+
+    /// Returns how often each Gaussian was seen as its segment in [`segment_ids`](Self::segment_ids), in frames, up to a
+    /// maximum; 1 in a memory that does not count.
+    pub fn segment_votes(&self) -> Vec<f32> {
+        self.store.segment_votes().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
     }
 }
 

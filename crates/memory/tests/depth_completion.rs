@@ -2,7 +2,7 @@
 
 use glam::{DVec3, EulerRot, Mat4, Quat, Vec2, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, SegmentId, SegmentMap};
-use splatseg_memory::{MemorySettings, SplatMemory};
+use splatseg_memory::{MemorySettings, SplatFile, SplatMemory, SurfaceKind};
 use std::collections::BTreeSet;
 
 const CAMERA: Intrinsics = Intrinsics { fx: 260.0, fy: 260.0, cx: 159.5, cy: 119.5, width: 320, height: 240 };
@@ -68,6 +68,17 @@ fn agreements(poses: impl Iterator<Item = Pose>, id: SegmentId) -> Vec<f64> {
     let mut all: Vec<f64> = all.collect();
     assert_eq!(all.remove(0), 0.0, "an empty memory expects nothing");
     all
+}
+
+/// What is known about the Gaussians of an id.
+fn kinds(memory: &SplatMemory, id: SegmentId) -> Vec<SurfaceKind> {
+    let known = memory.segment_ids().into_iter().zip(memory.surfaces());
+    known.filter(|(shown, _)| *shown == id).map(|(_, surface)| *surface).collect()
+}
+
+fn learn(memory: &mut SplatMemory, frame: &RgbdFrame<'_>, predicted: &SegmentMap) {
+    let recall = memory.recall(frame);
+    memory.update(recall, predicted, &BTreeSet::new()).unwrap();
 }
 
 fn worst(agreements: &[f64]) -> f64 {
@@ -295,4 +306,103 @@ fn cameras_may_differ_in_size() {
     assert_eq!(look(160, 120), 0.0);
     assert!([look(80, 60), look(200, 150), look(160, 120)].into_iter().all(|iou| iou > 0.9));
     look(1, 1);
+}
+
+#[test]
+fn gaussians_know_whether_depth_was_measured_where_they_lie() {
+    use SurfaceKind::{Continued, Observed};
+    let (frame_before, truth) = view(&Pose::IDENTITY);
+    let mut memory = memory(4);
+    for _ in 0..3 {
+        learn(&mut memory, &frame_before, &truth);
+    }
+    for id in [WALL, FLOOR] {
+        assert!(kinds(&memory, id).iter().all(|kind| *kind == Observed), "{id}");
+    }
+    for id in [SCREEN, MAT] {
+        let of_id = kinds(&memory, id);
+        assert!(of_id.len() > 20 && of_id.iter().filter(|kind| **kind == Continued).count() * 2 > of_id.len());
+    }
+    // A later frame has depth on the screen, where it was assumed to be.
+    let depth = Image::from_fn(CAMERA.width, CAMERA.height, |column, row| match truth[(column, row)] {
+        SCREEN => 3.0,
+        _ => frame_before.depth()[(column, row)],
+    });
+    learn(&mut memory, &frame(depth, Pose::IDENTITY), &truth);
+    assert!(kinds(&memory, SCREEN).iter().all(|kind| *kind == Observed));
+    assert!(kinds(&memory, MAT).contains(&Continued));
+}
+
+#[test]
+fn what_continues_nothing_measured_has_no_place() {
+    let left = |column: usize| column < 160;
+    let mut memory = memory(2);
+    let blind = frame(Image::filled(CAMERA.width, CAMERA.height, 0.0), Pose::IDENTITY);
+    let only_left = SegmentMap::from_fn(CAMERA.width, CAMERA.height, |column, _| u32::from(left(column)));
+    learn(&mut memory, &blind, &only_left);
+    assert!(!kinds(&memory, 1).is_empty() && kinds(&memory, 1).iter().all(|kind| !kind.has_place()));
+    // The right half lies beside it, so it continues the plane of the left one: but that was not measured.
+    let both = SegmentMap::from_fn(CAMERA.width, CAMERA.height, |column, _| if left(column) { 1 } else { 2 });
+    learn(&mut memory, &blind, &both);
+    assert!(!kinds(&memory, 2).is_empty() && kinds(&memory, 2).iter().all(|kind| !kind.has_place()));
+}
+
+#[test]
+fn what_is_known_about_places_survives_saving_removal_and_jumps() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("map.ply");
+    let (first, truth) = view(&Pose::IDENTITY);
+    let mut memory = memory(5);
+    // A window above the wall: no depth, and none around it.
+    let window = |column: usize, row: usize| (20..60).contains(&column) && row < 100;
+    let gap = |column: usize, row: usize| (0..80).contains(&column) && row < 120;
+    let depth =
+        Image::from_fn(
+            CAMERA.width,
+            CAMERA.height,
+            |column, row| {
+                if gap(column, row) { 0.0 } else { first.depth()[(column, row)] }
+            },
+        );
+    let predicted = SegmentMap::from_fn(CAMERA.width, CAMERA.height, |column, row| match gap(column, row) {
+        true => {
+            if window(column, row) {
+                5
+            } else {
+                0
+            }
+        }
+        false => truth[(column, row)],
+    });
+    for _ in 0..2 {
+        learn(&mut memory, &frame(depth.clone(), Pose::IDENTITY), &predicted);
+    }
+    assert!(!kinds(&memory, 5).is_empty() && kinds(&memory, 5).iter().all(|kind| *kind == SurfaceKind::Assumed));
+    memory.save(&path).unwrap();
+    assert_eq!(SplatFile::load(&path).unwrap().surfaces().unwrap(), memory.surfaces());
+    let mut loaded = SplatMemory::load(&path, MemorySettings::default()).unwrap();
+    assert_eq!(loaded.surfaces(), memory.surfaces());
+
+    // The poses jump by a metre. Then the wall stands farther back: its Gaussians are removed.
+    let jumped = Pose::from_translation(DVec3::new(1.0, 0.0, 0.0));
+    for memory in [&mut memory, &mut loaded] {
+        learn(memory, &frame(depth.clone(), jumped), &predicted);
+        let farther = depth.map(|depth| if *depth > 0.0 { depth + 1.0 } else { 0.0 });
+        for _ in 0..12 {
+            learn(memory, &frame(farther.clone(), jumped), &predicted);
+        }
+        assert_eq!(memory.surfaces().len(), memory.gaussian_count());
+        let far = memory.balls().means.iter().zip(memory.surfaces()).filter(|(mean, _)| mean.z > 40.0);
+        assert!(far.clone().count() > 0 && far.clone().all(|(_, surface)| *surface == SurfaceKind::Assumed));
+    }
+    assert_eq!(loaded.surfaces(), memory.surfaces());
+
+    // A damaged list is refused.
+    let mut file = SplatFile::load(&path).unwrap();
+    let text = String::from_utf8(file.short_term.clone()).unwrap();
+    file.short_term = text.replacen("\"surfaces\":[", "\"surfaces\":[[\"observed\",1],", 1).into_bytes();
+    assert!(file.surfaces().unwrap_err().to_string().contains("surfaces of"));
+    file.save(&path).unwrap();
+    let refused = SplatMemory::load(&path, MemorySettings::default()).unwrap_err().to_string();
+    assert!(refused.contains("map.ply") && refused.contains("surfaces of"), "{refused}");
 }

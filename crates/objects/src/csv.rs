@@ -4,7 +4,7 @@ use crate::{FrameStamp, Object, ObjectList, ObjectState};
 use std::fmt::Display;
 
 /// The columns; `docs/OBJECTS.md` describes them.
-const COLUMNS: [&str; 43] = [
+const COLUMNS: [&str; 44] = [
     "id",
     "label",
     "state",
@@ -48,6 +48,7 @@ const COLUMNS: [&str; 43] = [
     "best_width",
     "best_height",
     "crop",
+    "completed_points",
 ];
 
 impl ObjectList {
@@ -92,6 +93,7 @@ fn cells_of(object: &Object) -> Vec<String> {
     cells.extend([inner.map(|inner| inner.x), inner.map(|inner| inner.y)].map(cell));
     cells.extend([inner.map(|inner| inner.width), inner.map(|inner| inner.height)].map(cell));
     cells.push(cell(view.and_then(|view| view.crop.as_deref()).map(quoted)));
+    cells.push(cell(shape.map(|shape| shape.completed_points)));
     cells
 }
 

@@ -21,6 +21,7 @@ fn list() -> ObjectList {
         color: [1, 2, 3],
         points: 17,
         stray_points: 2,
+        completed_points: 5,
     };
     let view = BestView {
         frame: frame.clone(),
@@ -75,6 +76,13 @@ fn json_has_one_line_per_object_and_reads_back() {
 }
 
 #[test]
+fn lists_of_earlier_versions_have_no_completed_points() {
+    let json = list().to_json().unwrap().replace(", \"completed_points\": 5", "");
+    let read: ObjectList = serde_json::from_str(&json).unwrap();
+    assert_eq!(read.objects[0].shape.as_ref().map(|shape| shape.completed_points), Some(0));
+}
+
+#[test]
 fn keys_of_later_versions_are_ignored() {
     let json = list().to_json().unwrap().replace("\"frames\": 3", "\"frames\": 3, \"weight_kg\": 2");
     assert_eq!(serde_json::from_str::<ObjectList>(&json).unwrap(), list());
@@ -87,7 +95,7 @@ fn csv_has_a_name_for_every_cell() {
     let name = "\"a, \"\"b\"\"\"";
     let expected = format!(
         "7,,remembered,3,0.875,4,{name},1305031102.175304,4,{name},1305031102.175304,1,2,3,0.1,-2.5,0.001,0,0,0,1,1,1,\
-         1,1,1,0.25,0.25,0.25,0,0,0,1,0.75,17,2,4,{name},1,2,3,4,objects/7.jpg"
+         1,1,1,0.25,0.25,0.25,0,0,0,1,0.75,17,2,4,{name},1,2,3,4,objects/7.jpg,5"
     );
     assert_eq!(lines[1], expected);
     assert_eq!(lines[2].split(',').count(), lines[0].split(',').count());

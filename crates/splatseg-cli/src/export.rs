@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 use glam::DVec3;
 use splatseg_files::AtomicFile;
 use splatseg_geometry::SegmentId;
-use splatseg_memory::{ExportedForm, ExportedGaussian, SplatFile, write_exported};
+use splatseg_memory::{ExportedForm, ExportedGaussian, SplatFile, SurfaceKind, write_exported};
 use splatseg_output::segment_color;
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -80,7 +80,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
         places.check(out)?;
     }
     let file = SplatFile::load(&arguments.map).map_err(Failure::input)?;
-    let mut gaussians: Vec<ExportedGaussian> = file.gaussians().collect();
+    let mut gaussians = exported(&file, arguments)?;
     let origin = file.origin;
     drop(file);
     select(arguments, &mut gaussians)?;
@@ -122,6 +122,20 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
         say!("{}: {}, {}", folder.display(), counted(objects.len(), "file"), amount(gaussians.len(), objects.len()));
     }
     Ok(())
+}
+
+/// The Gaussians of a file; as points only those that have a place.
+fn exported(file: &SplatFile, arguments: &ExportArguments) -> Result<Vec<ExportedGaussian>, Failure> {
+    let map = arguments.map.display();
+    let surfaces = file.surfaces().map_err(|error| Failure::input(format!("{map}: {error}")))?;
+    let is_wanted = |surface: &SurfaceKind| arguments.form == Form::Gaussians || surface.has_place();
+    let all = file.gaussians().zip(surfaces);
+    let wanted: Vec<ExportedGaussian> = all.filter(|(_, surface)| is_wanted(surface)).map(|(one, _)| one).collect();
+    let left_out = file.segment_ids.len() - wanted.len();
+    if left_out > 0 {
+        say_error!("left out: {} without depth, whose distance is not known", counted(left_out, "Gaussian"));
+    }
+    Ok(wanted)
 }
 
 /// Keeps the selected Gaussians.

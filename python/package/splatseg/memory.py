@@ -37,6 +37,11 @@ class Memory:
         return self._pipeline.colors()
 
     @property
+    def has_place(self) -> NDArray[np.bool_]:
+        """``(Gaussians,)``; False where no depth was measured nearby, as in the sky: the distance is arbitrary then."""
+        return self._pipeline.has_place()
+
+    @property
     def segment_ids(self) -> NDArray[np.uint32]:
         """The id of each Gaussian, ``(Gaussians,)``; 0 for none."""
         return self._pipeline.segment_ids()

@@ -74,7 +74,9 @@ class Shape:
     area_m2: float
     """Area of the seen surface, square metres."""
     points: int
-    """Number of its Gaussians."""
+    """Number of its Gaussians, without those whose distance is not known."""
+    completed_points: int
+    """Number of these that continue a measured surface where depth is missing, as on a screen."""
 
 
 @dataclass(frozen=True)
@@ -160,4 +162,5 @@ def _shape(shape: dict[str, Any]) -> Shape:
         rotation=tuple(oriented["rotation"]),
         area_m2=shape["area_m2"],
         points=shape["points"],
+        completed_points=shape["completed_points"],
     )

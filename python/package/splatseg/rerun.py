@@ -108,7 +108,8 @@ class _Map:
         memory = pipeline.memory
         entries = [entry for entry in pipeline.objects() if entry.state == "remembered"]
         shapes = [(entry.id, entry.shape) for entry in entries if entry.shape is not None]
-        return cls(memory.means, memory.radii, memory.segment_ids, shapes)
+        shown = memory.has_place
+        return cls(memory.means[shown], memory.radii[shown], memory.segment_ids[shown], shapes)
 
     def log(self, recording: rerun.RecordingStream | None) -> None:
         import rerun as rr

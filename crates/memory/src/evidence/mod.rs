@@ -280,6 +280,10 @@ impl SegmentStore for EvidenceStore {
         Some(self.votes.iter().map(share).collect())
     }
 
+    fn segment_votes(&self) -> Option<Vec<f32>> {
+        Some(self.votes.iter().map(Votes::most).collect())
+    }
+
     fn changed_holds(&mut self) -> Option<Vec<(SegmentId, SegmentHold)>> {
         Some(self.census.take_changes())
     }

@@ -91,6 +91,11 @@ impl Votes {
         best.map_or(0, |(id, _)| id)
     }
 
+    /// Returns the votes for the segment with the most; 0 without votes.
+    pub fn most(&self) -> f32 {
+        self.iter().map(|(_, votes)| votes).fold(0.0, f32::max)
+    }
+
     /// Returns the share, 0 to 1, of all votes that are for a segment; 0 without votes.
     pub fn share(&self, id: SegmentId) -> f32 {
         let (own, all) = self

@@ -169,6 +169,12 @@ pub enum SplatFileError {
         /// Maximum length, bytes.
         max: u64,
     },
+    /// The state besides the Gaussians is damaged.
+    #[error("invalid state besides the Gaussians: {found}")]
+    DamagedShortTerm {
+        /// The problem.
+        found: String,
+    },
     /// The codebook in the file is invalid.
     #[error("{}: {source}", path.display())]
     Codebook {

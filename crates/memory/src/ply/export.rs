@@ -2,12 +2,13 @@
 
 use super::header::origin_comment;
 use super::record::{LOGIT_OF_1, harmonic};
-use super::{SplatContentView, SplatFile};
+use super::{SplatContentView, SplatFile, SplatFileError};
 use crate::SplatMemory;
-use crate::map::SplatMap;
+use crate::map::{SplatMap, SurfaceKind};
+use crate::short_term::saved_surfaces;
 use glam::{DVec3, Vec3};
 use splatseg_geometry::SegmentId;
-use std::io::{Result, Write};
+use std::io::{self, Write};
 
 /// A Gaussian to be exported, and the segment that it shows.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,6 +97,15 @@ impl SplatFile {
     pub fn gaussians(&self) -> impl Iterator<Item = ExportedGaussian> + '_ {
         gaussians(&self.map, &self.segment_ids, self.content.view())
     }
+
+    /// What is known about the place of each Gaussian, in the order of the file. In a file of an earlier version all
+    /// were observed.
+    ///
+    /// # Errors
+    /// If the text in `short_term`, which contains it, is damaged.
+    pub fn surfaces(&self) -> Result<Vec<SurfaceKind>, SplatFileError> {
+        saved_surfaces(&self.short_term, self.map.len()).map_err(|found| SplatFileError::DamagedShortTerm { found })
+    }
 }
 
 impl SplatMemory {
@@ -155,7 +165,7 @@ pub fn write_exported(
     origin: DVec3,
     gaussians: &[ExportedGaussian],
     output: &mut impl Write,
-) -> Result<()> {
+) -> io::Result<()> {
     let (count, is_double) = (gaussians.len(), form.is_double(origin));
     write!(output, "ply\nformat binary_little_endian 1.0\ncomment exported by splatseg\n")?;
     if !is_double {

@@ -80,6 +80,7 @@ impl Records {
             last_seen: Vec::with_capacity(count),
             seen_through: Vec::with_capacity(count),
             anchors: Vec::new(),
+            surfaces: Vec::new(),
         };
         let (votes, features) = (Vec::with_capacity(votes), Vec::with_capacity(features));
         Self { map, votes, features, segment_ids: Vec::with_capacity(count) }

@@ -114,6 +114,7 @@ prop_compose! {
             last_seen: vec![last_seen],
             seen_through: vec![seen_through],
             anchors: vec![],
+            surfaces: vec![],
         };
         (map, Votes::from_slots(std::array::from_fn(|slot| (ids[slot], votes[slot]))), feature, segment_id)
     }

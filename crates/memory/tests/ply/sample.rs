@@ -4,7 +4,6 @@ use glam::{DVec3, Vec3};
 use splatseg_memory::{
     Codebook, CodebookSettings, MemoryKind, SplatContent, SplatFile, SplatFileError, SplatMap, Votes,
 };
-use splatseg_render::Balls;
 use std::fs;
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -48,8 +47,7 @@ pub fn features(count: usize, feature_dim: usize) -> SplatContent {
 }
 
 pub fn with_content(content: SplatContent, count: usize) -> SplatFile {
-    let mut map =
-        SplatMap { balls: Balls::default(), colors: vec![], last_seen: vec![], seen_through: vec![], anchors: vec![] };
+    let mut map = SplatMap::default();
     for index in 0..count {
         let t = index as f32;
         map.balls.push(Vec3::new(t * 0.1, -t, 1e-20 * t), [0.01 + 0.003 * t, 7.0, 1e-4 / (1.0 + t)][index % 3]);

@@ -119,7 +119,9 @@ impl ObservedMap {
     pub fn new(memory: &SplatMemory, views: Vec<DepthView>) -> Self {
         let mut gaussians: BTreeMap<SegmentId, Vec<usize>> = BTreeMap::new();
         for (index, id) in memory.segment_ids().into_iter().enumerate() {
-            gaussians.entry(id).or_default().push(index);
+            if memory.surfaces()[index].has_place() {
+                gaussians.entry(id).or_default().push(index);
+            }
         }
         let (balls, origin) = (memory.balls(), memory.origin());
         let shapes = object_shapes(memory).into_iter();

@@ -116,7 +116,7 @@ mod tests {
 
     /// A patch of 2 cm.
     fn patch(place: Vec3, share: f32) -> Patch {
-        Patch { mean: place, side: 0.02, cover: 0.02, color: [0; 3], share }
+        Patch { share, ..Patch::seen(place, 0.02) }
     }
 
     /// The front of a box, 40 cm wide and high; `share` by the distance from its left edge, metres.

@@ -36,11 +36,14 @@ pub struct ObjectShape {
     pub area_m2: f32,
     /// Mean sRGB colour of that surface.
     pub color: [u8; 3],
-    /// Number of Gaussians of the object.
+    /// Number of Gaussians of the object, without those whose distance is not known: sky, or a dark window.
     pub points: usize,
     /// Number of these Gaussians excluded from all values above, because they were seen almost as often as something
     /// else or lie apart from the rest.
     pub stray_points: usize,
+    /// Number of the others that continue a measured surface where depth is missing, as on a screen.
+    #[serde(default)]
+    pub completed_points: usize,
 }
 
 /// A box along the world's axes, metres.
@@ -93,6 +96,7 @@ fn shape_of(patches: &[Patch], origin: DVec3) -> ObjectShape {
         color: color.map(|sum| (sum / area).round() as u8),
         points: patches.len(),
         stray_points: patches.len() - kept.len(),
+        completed_points: kept.iter().filter(|patch| patch.is_completed).count(),
     }
 }
 

@@ -7,7 +7,7 @@ use glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 use std::collections::BTreeMap;
 use std::f32::consts::FRAC_PI_2;
 
-/// Share of the area that may lie outside each face, because measurements are noisy.
+/// Share of the observations ([`Patch::weight`]) that may lie outside each face, because measurements and masks are noisy.
 const TAIL: f64 = 0.005;
 /// Added to each side when boxes are compared, metres, so that sides thinner than this hardly matter.
 const THIN: f32 = 0.01;
@@ -170,7 +170,7 @@ fn nearest_to_world(axes: Mat3) -> Mat3 {
 fn box_along(patches: &[Patch], axes: Mat3) -> OrientedBox {
     let (mut min, mut max) = (Vec3::ZERO, Vec3::ZERO);
     for axis in 0..3 {
-        let along = patches.iter().map(|patch| (axes.col(axis).dot(patch.mean), patch.area()));
+        let along = patches.iter().map(|patch| (axes.col(axis).dot(patch.mean), patch.weight()));
         (min[axis], max[axis]) = weighted_quantiles(&mut along.collect::<Vec<_>>(), TAIL);
     }
     let rotation = Quat::from_mat3(&axes).normalize();
@@ -195,7 +195,7 @@ mod tests {
                 place[second] = (index / 21) as f32 / 20.0 - 0.5;
                 let area = size[first] * size[second];
                 let mean = Vec3::new(3.0, -1.0, 0.5) + axes * (size * place);
-                patches.push(Patch { mean, side: 0.05 * area.sqrt(), cover: 0.05, color: [0; 3], share: 1.0 });
+                patches.push(Patch::seen(mean, 0.05 * area.sqrt()));
             }
         }
         patches
@@ -242,7 +242,7 @@ mod tests {
     fn a_plate_and_a_single_point_have_boxes_too() {
         let plate = oriented_box(&on_faces(Vec3::new(0.8, 0.5, 0.0), Mat3::from_rotation_x(0.4), &[(2, 1.0)]));
         assert_fits(&plate, Vec3::new(0.8, 0.5, 0.0));
-        let patch = Patch { mean: Vec3::ONE, side: 0.1, cover: 0.1, color: [0; 3], share: 1.0 };
+        let patch = Patch::seen(Vec3::ONE, 0.1);
         let point = oriented_box(&[patch; 3]);
         assert_eq!((point.center, point.size, point.rotation), (DVec3::ONE, Vec3::ZERO, Quat::IDENTITY));
     }

@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 use splatseg_geometry::SegmentId;
-use splatseg_memory::{COVERED, GrowthRule, RADIUS_PER_SPACING, SplatMemory};
+use splatseg_memory::{COVERED, GrowthRule, RADIUS_PER_SPACING, SplatMemory, SurfaceKind};
 use std::collections::BTreeMap;
 
 /// Minimum radius of a Gaussian, metres.
@@ -21,6 +21,10 @@ pub(super) struct Patch {
     pub color: [u8; 3],
     /// The object's share, 0 to 1, of all that the Gaussian was seen as.
     pub share: f32,
+    /// How often the Gaussian was seen as the object, in frames, up to a maximum of the memory.
+    pub votes: f32,
+    /// True if no depth was measured there: it continues the surface beside it.
+    pub is_completed: bool,
 }
 
 impl Patch {
@@ -28,9 +32,23 @@ impl Patch {
     pub fn area(&self) -> f32 {
         self.side * self.side
     }
+
+    /// Its weight among the observations of the object: how often it was seen, times its side. Not times its area: large
+    /// Gaussians were added from afar, or lie behind the object, and the thin parts of an object have only small ones.
+    pub fn weight(&self) -> f32 {
+        self.votes * self.side
+    }
 }
 
-/// The patches of every object with Gaussians, in the order of the map.
+#[cfg(test)]
+impl Patch {
+    /// A patch that two frames saw as the object, and as nothing else.
+    pub fn seen(mean: Vec3, side: f32) -> Self {
+        Self { mean, side, cover: side, color: [0; 3], share: 1.0, votes: 2.0, is_completed: false }
+    }
+}
+
+/// The patches of every object with Gaussians that have a place, in the order of the map.
 pub(super) fn patches_by_object(memory: &SplatMemory) -> BTreeMap<SegmentId, Vec<Patch>> {
     let settings = memory.settings();
     let (sides_per_radius, covering_alpha) = match settings.growth_rule() {
@@ -41,13 +59,23 @@ pub(super) fn patches_by_object(memory: &SplatMemory) -> BTreeMap<SegmentId, Vec
     let covers_per_radius = (-2.0 * covering_alpha.clamp(0.1, 0.9).ln()).sqrt();
     let (balls, colors) = (memory.balls(), memory.colors());
     let mut objects: BTreeMap<SegmentId, Vec<Patch>> = BTreeMap::new();
-    let segments = memory.segment_ids().into_iter().zip(memory.segment_shares());
-    for ((((id, share), mean), radius), color) in segments.zip(&balls.means).zip(&balls.radii).zip(colors) {
+    let seen = memory.segment_shares().into_iter().zip(memory.segment_votes());
+    let segments = memory.segment_ids().into_iter().zip(seen).zip(memory.surfaces());
+    let placed = balls.means.iter().zip(&balls.radii).zip(colors);
+    for (((id, (share, votes)), surface), ((mean, radius), color)) in segments.zip(placed) {
         // A loaded map may contain any values.
-        if id != 0 && mean.is_finite() && radius.is_finite() {
+        if id != 0 && surface.has_place() && mean.is_finite() && radius.is_finite() {
             let radius = radius.max(MIN_RADIUS);
             let (side, cover) = (sides_per_radius * radius, covers_per_radius * radius);
-            objects.entry(id).or_default().push(Patch { mean: *mean, side, cover, color: *color, share });
+            objects.entry(id).or_default().push(Patch {
+                mean: *mean,
+                side,
+                cover,
+                color: *color,
+                share,
+                votes,
+                is_completed: *surface != SurfaceKind::Observed,
+            });
         }
     }
     objects

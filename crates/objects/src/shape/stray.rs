@@ -1,20 +1,30 @@
 //! Stray patches, which do not belong to their object: Gaussians of the surface it stands on, which were seen as
-//! either, flying pixels at depth edges, and Gaussians of other things claimed by a few wrong masks.
+//! either, flying pixels at depth edges, and Gaussians of other things claimed by a few wrong masks, such as the wall
+//! behind the object's edge.
+//!
+//! Patches weigh by how often they were seen as the object ([`Patch::weight`]): what lies behind an object is large, but
+//! few frames took it for the object.
 
 use super::disputed::undisputed;
 use super::patch_grid::PatchGrid;
 use super::patches::Patch;
 use glam::Vec3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Two patches are connected if the distance between their centres is at most this many times the sum of their cover
 /// radii (the patches of a surface seen at a slant of 85° are eleven of their sides apart)...
 const LINK_PER_COVER: f32 = 6.0;
-/// ...plus this, metres, because depth is noisy.
+/// ...plus this, metres, because depth is noisy...
 const LINK: f32 = 0.02;
-/// Unconnected parts with less than this share of the object's area are stray.
+/// ...and the gap between them is at most this, metres: beyond it, they hang together only if others bridge it.
+const MAX_GAP: f32 = 0.3;
+/// Unconnected parts with less than this share of the observations are stray...
 const MIN_PART: f64 = 0.05;
-/// Share of the area beyond a quantile, in a direction.
+/// ...and so are those seen hardly more than once (the median of their votes)...
+const MIN_VOTES: f32 = 1.5;
+/// ...and in less than this share of the frames that saw the main part.
+const MIN_VOTE_SHARE: f32 = 0.5;
+/// Share of the observations beyond a quantile, in a direction.
 const TAIL: f64 = 0.005;
 /// Patches farther outside the quantiles than this share of the distance between them are stray.
 const REACH: f32 = 0.1;
@@ -24,17 +34,33 @@ pub(super) fn without_stray(patches: &[Patch]) -> Vec<Patch> {
     without_tails(large_parts(&undisputed(patches)))
 }
 
-/// Patches in connected parts that are large enough.
+/// Patches in the connected part that was seen most, the main part, and in others that were seen enough.
 fn large_parts(patches: &[Patch]) -> Vec<Patch> {
     let parts = connected_parts(patches);
-    let mut areas: BTreeMap<usize, f64> = BTreeMap::new();
+    let mut by_part: BTreeMap<usize, Vec<&Patch>> = BTreeMap::new();
     for (patch, part) in patches.iter().zip(&parts) {
-        *areas.entry(*part).or_default() += f64::from(patch.area());
+        by_part.entry(*part).or_default().push(patch);
     }
-    let total: f64 = areas.values().sum();
-    let largest = areas.values().copied().fold(0.0, f64::max);
-    let is_large = |part: &usize| areas[part] >= (MIN_PART * total).min(largest);
-    patches.iter().zip(&parts).filter(|(_, part)| is_large(part)).map(|(patch, _)| *patch).collect()
+    let weight = |of_part: &[&Patch]| of_part.iter().map(|patch| f64::from(patch.weight())).sum::<f64>();
+    let weights: BTreeMap<usize, f64> = by_part.iter().map(|(part, of_part)| (*part, weight(of_part))).collect();
+    let total: f64 = weights.values().sum();
+    // Of equal parts, the first one.
+    let Some(main) =
+        weights.keys().copied().max_by(|one, other| weights[one].total_cmp(&weights[other]).then(other.cmp(one)))
+    else {
+        return Vec::new();
+    };
+    let least = MIN_VOTES.min(MIN_VOTE_SHARE * median_votes(&by_part[&main]));
+    let is_kept =
+        |part: usize| part == main || (weights[&part] >= MIN_PART * total && median_votes(&by_part[&part]) >= least);
+    let kept: BTreeSet<usize> = weights.keys().copied().filter(|part| is_kept(*part)).collect();
+    patches.iter().zip(&parts).filter(|(_, part)| kept.contains(part)).map(|(patch, _)| *patch).collect()
+}
+
+fn median_votes(patches: &[&Patch]) -> f32 {
+    let mut votes: Vec<f32> = patches.iter().map(|patch| patch.votes).collect();
+    votes.sort_unstable_by(f32::total_cmp);
+    votes.get(votes.len() / 2).copied().unwrap_or_default()
 }
 
 /// The part number of each patch, equal for connected patches. Patches in the same small cell are connected.
@@ -71,11 +97,11 @@ fn linked_parts(patches: &[Patch]) -> Vec<usize> {
     });
     for (size, largest) in sizes {
         let smaller = (0..patches.len()).filter(|index| size_class(&patches[*index]) <= size);
-        let grid = PatchGrid::of(patches, smaller, 2.0 * LINK_PER_COVER * largest + LINK);
+        let grid = PatchGrid::of(patches, smaller, link(2.0 * largest));
         for (index, patch) in patches.iter().enumerate().filter(|(_, patch)| size_class(patch) == size) {
             grid.near(patch.mean, &mut near);
             for other in &near {
-                let link = LINK_PER_COVER * (patch.cover + patches[*other].cover) + LINK;
+                let link = link(patch.cover + patches[*other].cover);
                 if patch.mean.distance_squared(patches[*other].mean) <= link * link {
                     parts.join(index, *other);
                 }
@@ -83,6 +109,11 @@ fn linked_parts(patches: &[Patch]) -> Vec<usize> {
         }
     }
     (0..patches.len()).map(|index| parts.of(index)).collect()
+}
+
+/// Maximum distance between the centres of two connected patches, metres, from the sum of their cover radii.
+fn link(covers: f32) -> f32 {
+    (LINK_PER_COVER * covers + LINK).min(covers + MAX_GAP)
 }
 
 /// Patches of one class differ in size by less than a factor of two.
@@ -123,7 +154,7 @@ fn without_tails(patches: Vec<Patch>) -> Vec<Patch> {
     let mut keep = vec![true; patches.len()];
     for direction in directions() {
         let mut along: Vec<(f32, f32)> =
-            patches.iter().map(|patch| (patch.mean.dot(direction), patch.area())).collect();
+            patches.iter().map(|patch| (patch.mean.dot(direction), patch.weight())).collect();
         let (low, high) = weighted_quantiles(&mut along, TAIL);
         let reach = REACH * (high - low) + LINK;
         for (keep, patch) in keep.iter_mut().zip(&patches) {
@@ -165,7 +196,7 @@ mod tests {
 
     /// A patch of 2 cm.
     fn patch(x: f32, y: f32, z: f32) -> Patch {
-        Patch { mean: Vec3::new(x, y, z), side: 0.02, cover: 0.02, color: [0; 3], share: 1.0 }
+        Patch::seen(Vec3::new(x, y, z), 0.02)
     }
 
     /// A square of patches, 40 cm wide.
@@ -186,8 +217,12 @@ mod tests {
     #[test]
     fn a_thread_of_patches_does_not_make_the_object_longer_than_a_tenth() {
         let mut patches = square();
-        // Flying pixels: a line away from the square's corner, less than 0.5 % of the area each 10 cm.
-        patches.extend((1..80).map(|step| Patch { side: 0.003, ..patch(0.38 + 0.02 * step as f32, 0.38, 0.0) }));
+        // Flying pixels: a line away from the corner of the square, 0.4 % of the weight.
+        patches.extend((1..80).map(|step| Patch {
+            side: 0.003,
+            votes: 0.3,
+            ..patch(0.38 + 0.02 * step as f32, 0.38, 0.0)
+        }));
         let kept = without_stray(&patches);
         let farthest = kept.iter().map(|patch| patch.mean.x).fold(0.0, f32::max);
         assert!(farthest > 0.38 && farthest < 0.48, "{farthest}");
@@ -199,6 +234,49 @@ mod tests {
         let mut patches = square();
         patches.extend((0..60).map(|index| patch(0.0, (index % 15) as f32 * 0.02, 0.2 * (1 + index / 15) as f32)));
         assert_eq!(without_stray(&patches), patches);
+    }
+
+    /// Rows of patches of 1 cm along z.
+    fn leg(x: f32, y: f32) -> impl Iterator<Item = Patch> {
+        (0..210).map(move |index| {
+            Patch::seen(Vec3::new(x + 0.01 * (index % 3) as f32, y, -0.01 * (1 + index / 3) as f32), 0.01)
+        })
+    }
+
+    #[test]
+    fn the_legs_of_a_table_stay() {
+        let top = (0..2400).map(|index| patch((index % 60) as f32 * 0.02, (index / 60) as f32 * 0.02, 0.0));
+        let table: Vec<Patch> = top.chain(leg(0.02, 0.02)).chain(leg(1.1, 0.7)).collect();
+        assert_eq!(without_stray(&table), table);
+        // Of a third one, only the lower half was seen: 30 cm below the top.
+        let lower = leg(0.02, 0.7).filter(|patch| patch.mean.z < -0.3);
+        let partly: Vec<Patch> = table.iter().copied().chain(lower).collect();
+        assert_eq!(without_stray(&partly), partly);
+    }
+
+    #[test]
+    fn the_wall_behind_an_object_goes_if_one_frame_took_it_for_the_object() {
+        // A third of the area, because patches far away are large.
+        let wall = |votes: f32| {
+            (0..12).map(move |index| Patch { votes, ..Patch::seen(Vec3::new(0.03 * index as f32, 1.5, 0.1), 0.06) })
+        };
+        let thing: Vec<Patch> = square().into_iter().map(|patch| Patch { votes: 4.0, ..patch }).collect();
+        let with = |votes: f32| [thing.clone(), wall(votes).collect()].concat();
+        assert_eq!(without_stray(&with(1.0)), thing);
+        // Seen as often as the object, it is a part of it.
+        let both: Vec<Patch> =
+            [square(), square().iter().map(|near| patch(near.mean.x, 1.5, near.mean.y)).collect()].concat();
+        assert_eq!(without_stray(&both), both);
+        // If no part was seen more than once, nothing is known.
+        let new: Vec<Patch> = both.into_iter().map(|patch| Patch { votes: 1.0, ..patch }).collect();
+        assert_eq!(without_stray(&new), new);
+    }
+
+    #[test]
+    fn a_gap_of_more_than_thirty_centimetres_parts_even_large_patches() {
+        let large = |x: f32| Patch { cover: 0.1, ..patch(x, 0.0, 0.0) };
+        assert_eq!(linked_parts(&[large(0.0), large(0.49)]), [0, 0], "29 cm between their edges");
+        assert_eq!(linked_parts(&[large(0.0), large(0.51)]), [0, 1], "31 cm");
     }
 
     #[test]
@@ -223,7 +301,7 @@ mod tests {
             for _ in 0..patches.len() {
                 for (one, a) in patches.iter().enumerate() {
                     for (other, b) in patches.iter().enumerate() {
-                        if a.mean.distance(b.mean) <= LINK_PER_COVER * (a.cover + b.cover) + LINK - 1e-6 {
+                        if a.mean.distance(b.mean) <= link(a.cover + b.cover) - 1e-6 {
                             expected[one] = expected[one].min(expected[other]);
                         }
                     }

@@ -70,8 +70,7 @@ mod tests {
     fn patches(spacing: f32, copies: usize) -> Vec<Patch> {
         let count = (1.0 / spacing) as usize;
         let mean = |index: usize| Vec3::new((index % count) as f32, (index / count) as f32, 0.0) * spacing;
-        let at =
-            |index: usize| Patch { mean: mean(index), side: spacing, cover: 0.93 * spacing, color: [0; 3], share: 1.0 };
+        let at = |index: usize| Patch { cover: 0.93 * spacing, ..Patch::seen(mean(index), spacing) };
         (0..count * count).flat_map(|index| vec![at(index); copies]).collect()
     }
 
@@ -86,7 +85,7 @@ mod tests {
 
     #[test]
     fn a_single_disc_has_its_own_area() {
-        let patch = Patch { mean: Vec3::ONE, side: 0.1, cover: 0.1, color: [0; 3], share: 1.0 };
+        let patch = Patch::seen(Vec3::ONE, 0.1);
         assert!((surface_area(&[patch]) - 0.01 * PI).abs() < 1e-6);
     }
 }

@@ -15,7 +15,7 @@ pub const MAX_POINTS: usize = 100_000;
 pub struct MapData {
     /// Number of drawn Gaussians.
     count: usize,
-    /// Number of Gaussians in the memory.
+    /// Number of Gaussians in the memory that have a place.
     total: usize,
     /// Minimum corner of the map's bounding box, metres, relative to the run's origin.
     min: Vec3,
@@ -33,10 +33,12 @@ pub struct MapData {
     ids: String,
 }
 
-/// Returns the map of a memory's wanted objects, relative to an origin in world coordinates.
+/// Returns the map of a memory's wanted objects, relative to an origin in world coordinates. Gaussians whose distance is
+/// not known are left out: they would hide behind everything and make the view tiny.
 pub fn map_data(memory: &SplatMemory, origin: DVec3, is_wanted: impl Fn(SegmentId) -> bool) -> MapData {
     let (balls, ids, colors) = (memory.balls(), memory.segment_ids(), memory.colors());
-    let wanted: Vec<usize> = (0..balls.len()).filter(|index| is_wanted(ids[*index])).collect();
+    let has_place = |index: &usize| memory.surfaces()[*index].has_place();
+    let wanted: Vec<usize> = (0..balls.len()).filter(has_place).filter(|index| is_wanted(ids[*index])).collect();
     let total = wanted.len();
     let is_finite = |index: &usize| balls.means[*index].is_finite();
     let drawn: Vec<usize> = evenly(total, MAX_POINTS).map(|place| wanted[place]).filter(is_finite).collect();

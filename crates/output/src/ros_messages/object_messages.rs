@@ -65,7 +65,8 @@ pub struct PointBytes {
 }
 
 impl PointBytes {
-    /// The centres of a memory's Gaussians, in the colours of their objects. They are in the frame [`MAP`] if the map's
+    /// The centres of a memory's Gaussians, in the colours of their objects, without those whose distance is not known.
+    /// They are in the frame [`MAP`] if the map's
     /// origin is not the world's.
     pub fn of(memory: &SplatMemory) -> Self {
         // ROS viewers take 32-bit points only.
@@ -113,7 +114,8 @@ impl PointBytes {
 fn point_bytes(memory: &SplatMemory, offset: DVec3) -> Vec<u8> {
     let (means, ids) = (&memory.balls().means, memory.segment_ids());
     let mut bytes = Vec::with_capacity(POINT_BYTES * means.len());
-    for (mean, id) in means.iter().zip(ids).filter(|(mean, _)| mean.is_finite()) {
+    let known = means.iter().zip(ids).zip(memory.surfaces()).filter(|(_, surface)| surface.has_place());
+    for (mean, id) in known.map(|(point, _)| point).filter(|(mean, _)| mean.is_finite()) {
         let mean = (mean.as_dvec3() + offset).as_vec3();
         bytes.extend(mean.to_array().into_iter().flat_map(f32::to_le_bytes));
         let [red, green, blue] = if id == 0 { NO_OBJECT } else { segment_color(id) };
