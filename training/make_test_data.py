@@ -4,7 +4,8 @@
 
 WEIGHTS are the built-in weights. The images are synthetic: slanted surfaces with noise, steps and holes. For each size,
 the file has `rgb` [H, W, 3], `depth` [H, W] in millimetres, `camera` (fx, fy, cx, cy), `inputs` [8, H, W] of
-`splatseg_training.inputs`, and `log_odds` [12, H/2, W/2], computed from them by PyTorch. Needs torch and safetensors.
+`splatseg_training.inputs`, and `log_odds` [12, H/2, W/2], computed from them by PyTorch, with the levels' grids
+counted from the centre as in the program. Needs torch and safetensors.
 """
 
 import sys
@@ -18,12 +19,30 @@ from splatseg_training.inputs import inputs
 SIZES = [(48, 64), (50, 70), (33, 65), (3, 5)]  # 33 × 65: odd at every level
 
 
-def forward(weights, x):
-    """Runs the network with folded weights: log-odds [1, 12, H/2, W/2] of an input [1, 8, H, W]."""
+def forward(weights, x, anchor):
+    """Runs the network with folded weights: log-odds [1, 12, H/2, W/2] of an input [1, 8, H, W].
+
+    `anchor` is the pixel (row, column) on the grid of every level. Level by level, it lies on an even or an odd row and
+    column, and the layer of stride 2 starts there.
+    """
 
     def layer(name, x, stride=1, activation=F.silu):
         weight = weights[f"{name}.weight"].float()
         return activation(F.conv2d(x, weight, weights[f"{name}.bias"].float(), stride, weight.shape[2] // 2))
+
+    def starts(level, x):
+        return [place >> level & 1 if size > 1 else 0 for place, size in zip(anchor, x.shape[2:])]
+
+    def halved(name, level, x):
+        top, left = starts(level, x)
+        # With zeros before it, the first row or column has an output, too: it is cut off.
+        return layer(name, F.pad(x, (left, 0, top, 0)), 2)[:, :, top:, left:]
+
+    def doubled(level, x, like):
+        top, left = starts(level, like)
+        # Exactly twice the size: an odd size is cropped, not stretched.
+        x = F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
+        return F.pad(x, (left, 0, top, 0), mode="replicate")[:, :, : like.shape[2], : like.shape[3]]
 
     def count(name):
         return next(number for number in range(100) if name.format(number) + ".weight" not in weights)
@@ -31,10 +50,10 @@ def forward(weights, x):
     def identity(x):
         return x
 
-    stages = [layer("stem", x, 2)]
+    stages = [halved("stem", 0, x)]
     while f"e{len(stages)}.0.weight" in weights:
         name = f"e{len(stages)}"
-        x = layer(f"{name}.0", stages[-1], 2)
+        x = halved(f"{name}.0", len(stages), stages[-1])
         block = 1
         while f"{name}.{block}.a.weight" in weights:
             x = x + layer(f"{name}.{block}.b", layer(f"{name}.{block}.a", x))
@@ -46,9 +65,7 @@ def forward(weights, x):
         skip = stages.pop()
         level = len(stages)
         lateral = layer(f"l{level + 1}", x, activation=identity)
-        # Exactly twice the size: an odd size is cropped, not stretched.
-        doubled = F.interpolate(lateral, scale_factor=2, mode="bilinear", align_corners=False)
-        x = skip + doubled[:, :, : skip.shape[2], : skip.shape[3]]
+        x = skip + doubled(level + 1, lateral, skip)
         for index in range(count(f"d{level}.{{}}")):
             x = layer(f"d{level}.{index}", x)
     return layer("head", x, activation=identity)
@@ -82,8 +99,9 @@ def main():
         tensors[f"{name}.depth"] = torch.from_numpy(depth.astype(np.int32))
         tensors[f"{name}.camera"] = torch.tensor([K[0, 0], K[1, 1], K[0, 2], K[1, 2]], dtype=torch.float32)
         tensors[f"{name}.inputs"] = x
+        anchor = (height - 230) // 2, (width - 310) // 2
         with torch.no_grad():
-            tensors[f"{name}.log_odds"] = forward(weights, x[None])[0].contiguous()
+            tensors[f"{name}.log_odds"] = forward(weights, x[None], anchor)[0].contiguous()
     save_file(tensors, sys.argv[2])
 
 

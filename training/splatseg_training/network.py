@@ -37,6 +37,9 @@ class AffinityNet(nn.Module):
     """From input [N, 8, H, W] to log-odds [N, 12, H/2, W/2] that a pixel and its neighbour at each offset belong to one
     object.
 
+    Each level looks at every second row and column of the level before, here from the first one on. The program counts
+    from the centre instead, so that cropping a frame changes nothing else. Training cuts at random places.
+
     `widths` are the channels at 1/2, 1/4, 1/8, 1/16 and 1/32 of the input's size.
     """
 

@@ -9,6 +9,7 @@
 
 mod agglomeration;
 mod device_network;
+mod grid;
 mod inputs;
 mod network;
 mod regions;
@@ -25,6 +26,7 @@ pub use settings::AffinitySettings;
 pub use weights::AffinityWeightsError;
 
 use crate::{Segmenter, SegmenterError};
+use grid::Grid;
 use network::NetworkMemory;
 use regions::RegionGraph;
 use resolution::ScaledFrame;
@@ -40,6 +42,7 @@ pub struct AffinitySegmenter {
     network: AffinityNetwork,
     settings: AffinitySettings,
     input: FeatureMap,
+    grid: Grid,
     memory: NetworkMemory,
 }
 
@@ -50,7 +53,8 @@ impl AffinitySegmenter {
     /// [`SegmenterError::Setting`] if a setting is out of its range.
     pub fn new(network: AffinityNetwork, settings: AffinitySettings) -> Result<Self, SegmenterError> {
         let settings = settings.validated()?;
-        Ok(Self { network, settings, input: FeatureMap::default(), memory: NetworkMemory::default() })
+        let (input, grid, memory) = (FeatureMap::default(), Grid::default(), NetworkMemory::default());
+        Ok(Self { network, settings, input, grid, memory })
     }
 
     /// The settings in use.
@@ -60,18 +64,21 @@ impl AffinitySegmenter {
 
     /// Computes the network's input for a frame, `[8, height, width]`: colour, inverse depth, validity and normals.
     pub fn inputs(&mut self, frame: &CameraFrame) -> &FeatureMap {
-        inputs::compute(&ScaledFrame::new(frame, self.settings.max_pixels), &mut self.input);
+        let scaled = ScaledFrame::new(frame, self.settings.max_pixels);
+        inputs::compute(&scaled, &mut self.input);
+        self.grid = Grid::new((self.input.height(), self.input.width()));
         &self.input
     }
 
     /// Computes, for each pixel of the half-size image, the log-odds that it belongs to the same object as the pixels
-    /// at the network's offsets, `[offsets, height, width]`.
+    /// at the network's offsets, `[offsets, height, width]`. The half-size image has every second row and column of the
+    /// input, counted from its centre.
     ///
     /// # Errors
     /// [`SegmenterError::Device`] if the network's device fails; never on the CPU.
     pub fn log_odds(&mut self, frame: &CameraFrame) -> Result<&FeatureMap, SegmenterError> {
         self.inputs(frame);
-        self.network.forward(&self.input, &mut self.memory)?;
+        self.network.forward(&self.input, self.grid, &mut self.memory)?;
         Ok(&self.memory.log_odds)
     }
 
@@ -81,7 +88,7 @@ impl AffinitySegmenter {
     /// As [`log_odds`](Self::log_odds).
     pub fn merge_tree(&mut self, frame: &CameraFrame) -> Result<MergeTree, SegmenterError> {
         self.log_odds(frame)?;
-        Ok(MergeTree::new(RegionGraph::from_log_odds(&self.memory.log_odds, &self.network.offsets)))
+        Ok(MergeTree::new(RegionGraph::from_log_odds(&self.memory.log_odds, &self.network.offsets, self.grid)))
     }
 }
 
@@ -93,7 +100,8 @@ impl Segmenter for AffinitySegmenter {
     fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
         let tree = self.merge_tree(frame)?;
         let partition = tree.cut(self.settings.threshold.unwrap_or(self.network.threshold));
-        let segments = upsampling::enlarge(&partition.segments_of_pixels(&tree), &self.input);
+        let start = self.grid.start(0, (self.input.height(), self.input.width()));
+        let segments = upsampling::enlarge(&partition.segments_of_pixels(&tree), &self.input, start);
         let scaled_size = (self.input.width(), self.input.height());
         Ok(masks(frame, scaled_size, &segments, &partition.scores, self.settings.min_area.max(1)))
     }

@@ -74,15 +74,34 @@ impl MapConvolution {
         phases: &mut FeatureMap,
         output: &mut FeatureMap,
     ) {
+        self.forward_from(input, [0; 2], residual, phases, output);
+    }
+
+    /// Like [`forward`](Self::forward), with the centre of the first output at row and column `start` of the input,
+    /// each less than the stride. With stride 2, a start of 1 leaves the outputs of a start of 0 on the input without
+    /// its first row or column, except that they still see it.
+    ///
+    /// # Panics
+    /// As `forward`, or if `start` is out of range.
+    pub fn forward_from(
+        &self,
+        input: &FeatureMap,
+        start: [usize; 2],
+        residual: Option<&FeatureMap>,
+        phases: &mut FeatureMap,
+        output: &mut FeatureMap,
+    ) {
         assert_eq!(input.channels(), self.inputs, "channels of a convolution's input");
-        let [height, width] = [input.height(), input.width()].map(|size| size.div_ceil(self.stride));
+        assert!(start.iter().all(|start| *start < self.stride), "start {start:?} of stride {}", self.stride);
+        let outputs = |size: usize, start: usize| size.saturating_sub(start).div_ceil(self.stride);
+        let (height, width) = (outputs(input.height(), start[0]), outputs(input.width(), start[1]));
         output.reshape(self.outputs, height, width);
         if let Some(residual) = residual {
             let has_shape = residual.channels() == self.outputs && residual.layout() == output.layout();
             assert!(has_shape, "shape of a residual");
         }
         match &self.algorithm {
-            Algorithm::Direct(convolution) => convolution.forward(input, residual, phases, output),
+            Algorithm::Direct(convolution) => convolution.forward(input, start, residual, phases, output),
             Algorithm::Winograd(convolution) => convolution.forward(input, residual, output),
         }
     }

@@ -46,10 +46,12 @@ impl DirectConvolution {
         Self { inputs, kernel, stride, activation, weights, bias: padded_bias, instructions }
     }
 
-    /// Convolves `input` to `output`, which must have the right shape. `phases` is scratch memory for stride 2.
+    /// Convolves `input` to `output`, which must have the right shape, with the first output's centre at `start` (row,
+    /// column). `phases` is scratch memory for stride 2.
     pub fn forward(
         &self,
         input: &FeatureMap,
+        start: [usize; 2],
         residual: Option<&FeatureMap>,
         phases: &mut FeatureMap,
         output: &mut FeatureMap,
@@ -58,27 +60,32 @@ impl DirectConvolution {
         let (input, channel_stride) = match self.stride {
             1 => (input, layout.plane()),
             _ => {
-                split_phases(input, phases);
+                split_phases(input, layout, phases);
                 (&*phases, 4 * layout.plane())
             }
         };
-        let taps = self.taps(layout);
+        let taps = self.taps(layout, start);
         let residual = residual.map(FeatureMap::values);
         let shared = Shared { convolution: self, layout, input: input.values(), channel_stride, taps: &taps, residual };
         self.jobs(output).into_par_iter().with_max_len(1).for_each(|job| self.instructions.run_tiled((shared, job)));
     }
 
     /// Offset of each tap's value from an output position.
-    fn taps(&self, layout: MapLayout) -> Taps {
+    fn taps(&self, layout: MapLayout, start: [usize; 2]) -> Taps {
         let (pitch, plane) = (layout.pitch(), layout.plane());
         match (self.kernel, self.stride) {
             (1, _) => Taps::One([layout.lead()]),
             (_, 1) => Taps::Nine(std::array::from_fn(|tap| tap / 3 * pitch + tap % 3)),
             _ => {
-                // Rows and columns 2i - 1 and 2i + 1 are i - 1 and i of the odd phase; 2i is i of the even phase.
-                let part = |k: usize| (usize::from(k != 1), usize::from(k > 0));
+                // Offset 1 is row or column i of a phase. From 0, the taps 2i - 1 and 2i + 1 are i - 1 and i of the odd
+                // phase, and 2i is i of the even phase. From 1, 2i and 2i + 2 are i and i + 1 of the even phase, and
+                // 2i + 1 is i of the odd phase.
+                let part = |start: usize, k: usize| match start {
+                    0 => (usize::from(k != 1), usize::from(k > 0)),
+                    _ => (usize::from(k == 1), 1 + usize::from(k == 2)),
+                };
                 Taps::Nine(std::array::from_fn(|tap| {
-                    let ((odd_row, y), (odd_column, x)) = (part(tap / 3), part(tap % 3));
+                    let ((odd_row, y), (odd_column, x)) = (part(start[0], tap / 3), part(start[1], tap % 3));
                     (2 * odd_row + odd_column) * plane + y * pitch + x
                 }))
             }
@@ -186,20 +193,21 @@ impl TileKernel for (Shared<'_>, Job<'_>) {
 }
 
 /// Copies the pixels of even and odd rows and columns to separate maps: for each channel (even, even), (even, odd),
-/// (odd, even) and (odd, odd), all of the size of (even, even).
-fn split_phases(input: &FeatureMap, phases: &mut FeatureMap) {
+/// (odd, even) and (odd, odd), all with the output's layout.
+///
+/// A start of 1 on an odd size has one more even row or column than outputs. It lies in the padding after the others,
+/// which no tap then reads as the padding before the first.
+fn split_phases(input: &FeatureMap, layout: MapLayout, phases: &mut FeatureMap) {
     let height = input.height();
-    phases.reshape(4 * input.channels(), height.div_ceil(2), input.width().div_ceil(2));
-    let layout = phases.layout();
+    phases.reshape(4 * input.channels(), layout.height, layout.width);
     phases.values_mut().par_chunks_exact_mut(4 * layout.plane()).enumerate().for_each(|(channel, planes)| {
         for (phase, plane) in planes.chunks_exact_mut(layout.plane()).enumerate() {
-            let rows = plane[layout.lead()..].chunks_exact_mut(layout.pitch()).take(layout.height);
+            let rows = plane[layout.lead()..].chunks_exact_mut(layout.pitch()).take(layout.height + 1);
             for (row, out) in rows.enumerate() {
-                let out = &mut out[..layout.width];
                 let source = 2 * row + phase / 2;
                 let values = if source < height { input.row(channel, source) } else { &[] };
                 let values = values.get(phase % 2..).unwrap_or(&[]);
-                // A map of odd size has one fewer odd row or column than even ones.
+                // A phase may have fewer rows or columns than the layout.
                 out[values.len().div_ceil(2)..].fill(0.0);
                 out.iter_mut().zip(values.iter().step_by(2)).for_each(|(out, value)| *out = *value);
             }

@@ -15,7 +15,7 @@ mod tile;
 mod winograd;
 
 pub use convolution::MapConvolution;
-pub use resize::{add_upsampled, mean_per_channel};
+pub use resize::{add_doubled, mean_per_channel};
 
 use crate::AlignedVec;
 

@@ -1,23 +1,23 @@
-//! Upsampling and pooling of feature maps.
+//! Doubling and pooling of feature maps.
 
 use super::FeatureMap;
 use crate::instructions::Instructions;
 use rayon::prelude::*;
 
-/// Enlarges `small` to the size of `map` by bilinear interpolation and adds it to `map`, like PyTorch's `interpolate`
-/// with `mode="bilinear", align_corners=False`.
+/// Doubles the size of `small` by bilinear interpolation and adds it to `map`. `small` has the size of a layer of stride
+/// 2 on `map`, whose first output is centred at row and column `start` of `map`, 0 or 1.
 ///
-/// Along an axis where `small` has half as many pixels as `map`, rounded up, as after a layer of stride 2, the factor is
-/// exactly 2. An odd size thus ends half a coarse pixel early (`interpolate` with `scale_factor=2`, then cropped),
-/// instead of being stretched.
+/// From 0, this is PyTorch's `interpolate` with `scale_factor=2, mode="bilinear", align_corners=False`, cropped to the
+/// size of `map`. The factor is exactly 2 for odd sizes, too: they end half a coarse pixel early. Resizing to an odd size
+/// would stretch the map.
 ///
 /// # Panics
-/// If the maps have different numbers of channels, or one of them is empty.
-pub fn add_upsampled(small: &FeatureMap, map: &mut FeatureMap, instructions: Instructions) {
+/// If the maps have different numbers of channels, one of them is empty, or `small` has another size.
+pub fn add_doubled(small: &FeatureMap, map: &mut FeatureMap, start: [usize; 2], instructions: Instructions) {
     assert_eq!(small.channels(), map.channels(), "channels of the maps to add");
     let (layout, below) = (map.layout(), small.layout());
-    let columns: Vec<Sample> = samples(below.width, layout.width);
-    let rows: Vec<Sample> = samples(below.height, layout.height);
+    let columns: Vec<Sample> = samples(below.width, layout.width, start[1]);
+    let rows: Vec<Sample> = samples(below.height, layout.height, start[0]);
     map.values_mut().par_chunks_exact_mut(layout.plane()).enumerate().for_each(|(channel, plane)| {
         let mut wide = vec![0.0; below.height * layout.width];
         instructions.run(
@@ -50,13 +50,13 @@ struct Sample {
     weight: f32,
 }
 
-/// Returns the sampling positions that resize `from` values to `to` values.
-fn samples(from: usize, to: usize) -> Vec<Sample> {
-    // A layer of stride 2 makes `from` pixels of 2 · from - 1 as well as of 2 · from, from the same places.
-    let scale = if from == to.div_ceil(2) { 0.5 } else { from as f32 / to as f32 };
+/// Returns the sampling positions that double `from` values to `to` values, from value `start` on. Places beyond the
+/// first and the last of the `from` values get that value.
+fn samples(from: usize, to: usize, start: usize) -> Vec<Sample> {
+    assert_eq!(from, to.saturating_sub(start).div_ceil(2), "half of {to} values from {start} on");
     (0..to)
         .map(|index| {
-            let place = ((index as f32 + 0.5) * scale - 0.5).max(0.0);
+            let place = ((index as f32 - start as f32 + 0.5) * 0.5 - 0.5).max(0.0);
             let low = (place as usize).min(from - 1);
             Sample { low, high: (low + 1).min(from - 1), weight: place - low as f32 }
         })

@@ -36,6 +36,8 @@ struct Case {
     outputs: usize,
     kernel: usize,
     stride: usize,
+    /// Centre of the first output, for stride 2.
+    start: [usize; 2],
     size: (usize, usize),
     activation: Activation,
     with_residual: bool,
@@ -52,7 +54,7 @@ impl Case {
     }
 
     fn residual(&self) -> Option<FeatureMap> {
-        let size = [self.size.0, self.size.1].map(|size| size.div_ceil(self.stride));
+        let size = [self.size.0 - self.start[0], self.size.1 - self.start[1]].map(|size| size.div_ceil(self.stride));
         self.with_residual.then(|| noise_map(self.outputs, size[0], size[1], self.seed + 3))
     }
 
@@ -66,7 +68,7 @@ impl Case {
         pool.install(|| {
             let larger = noise_map(self.inputs, self.size.0 + 1, self.size.1 + 1, 99);
             layer.forward(&larger, None, &mut phases, &mut output);
-            layer.forward(&input, residual.as_ref(), &mut phases, &mut output);
+            layer.forward_from(&input, self.start, residual.as_ref(), &mut phases, &mut output);
         });
         output
     }
@@ -83,8 +85,8 @@ impl Case {
                     let (mut sum, mut magnitude) = (f64::from(bias[channel]), 1.0);
                     for index in 0..self.inputs * self.kernel * self.kernel {
                         let tap = index % (self.kernel * self.kernel);
-                        let y = (row * self.stride + tap / self.kernel) as isize - padding;
-                        let x = (column * self.stride + tap % self.kernel) as isize - padding;
+                        let y = (row * self.stride + self.start[0] + tap / self.kernel) as isize - padding;
+                        let x = (column * self.stride + self.start[1] + tap % self.kernel) as isize - padding;
                         let factor = weight[channel * self.inputs * self.kernel * self.kernel + index];
                         let term = f64::from(factor) * pixel(&input, index / (self.kernel * self.kernel), y, x);
                         (sum, magnitude) = (sum + term, magnitude + f64::from(factor.abs()));
@@ -115,10 +117,12 @@ fn found_sum(map: &FeatureMap) -> f64 {
 
 fn cases() -> impl Strategy<Value = Case> {
     let kernels = prop_oneof![Just((1, 1)), Just((3, 1)), Just((3, 2))];
-    (1..20_usize, 1..30_usize, kernels, (1..40_usize, 1..60_usize), any::<(bool, bool, u16)>()).prop_map(
-        |(inputs, outputs, (kernel, stride), size, (silu, with_residual, seed))| {
+    (1..20_usize, 1..30_usize, kernels, (1..40_usize, 1..60_usize), any::<([bool; 2], bool, bool, u16)>()).prop_map(
+        |(inputs, outputs, (kernel, stride), size, (late, silu, with_residual, seed))| {
             let activation = if silu { Activation::Silu } else { Activation::None };
-            Case { inputs, outputs, kernel, stride, size, activation, with_residual, seed: u32::from(seed) }
+            let start = |late: bool, size: usize| usize::from(late && stride == 2 && size > 1);
+            let start = [start(late[0], size.0), start(late[1], size.1)];
+            Case { inputs, outputs, kernel, stride, start, size, activation, with_residual, seed: u32::from(seed) }
         },
     )
 }
@@ -142,6 +146,7 @@ fn threads_do_not_change_a_bit() {
             outputs: channels,
             kernel: 3,
             stride,
+            start: [0; 2],
             size,
             activation: Activation::Silu,
             with_residual: true,
@@ -157,33 +162,34 @@ fn threads_do_not_change_a_bit() {
 }
 
 #[test]
-fn upsampling_is_bilinear() {
+fn doubling_is_bilinear() {
     let mut small = FeatureMap::zeros(1, 1, 2);
     small.rows_mut().flatten().for_each(|row| row.copy_from_slice(&[0.0, 4.0]));
     let mut map = FeatureMap::zeros(1, 2, 4);
     map.rows_mut().flatten().for_each(|row| row.fill(10.0));
-    add_upsampled(&small, &mut map, Instructions::best());
+    add_doubled(&small, &mut map, [0; 2], Instructions::best());
     assert_eq!((map.row(0, 0), map.row(0, 1)), (&[10.0, 11.0, 13.0, 14.0][..], &[10.0, 11.0, 13.0, 14.0][..]));
 }
 
 #[test]
-fn an_odd_size_is_doubled_like_the_even_one() {
+fn odd_sizes_and_starts_cut_the_doubled_map() {
     let small = noise_map(3, 4, 6, 5);
-    let enlarged = |height: usize, width: usize| {
+    let enlarged = |[height, width]: [usize; 2], start: [usize; 2]| {
         let mut map = FeatureMap::zeros(3, height, width);
-        add_upsampled(&small, &mut map, Instructions::best());
+        add_doubled(&small, &mut map, start, Instructions::best());
         map
     };
-    let even = enlarged(8, 12);
-    for (height, width) in [(7, 12), (8, 11), (7, 11)] {
-        let odd = enlarged(height, width);
-        for (channel, row) in (0..3).flat_map(|channel| (0..height).map(move |row| (channel, row))) {
-            assert_eq!(odd.row(channel, row), &even.row(channel, row)[..width], "{width}x{height}, row {row}");
+    let whole = enlarged([8, 12], [0; 2]);
+    for (size, start) in [([7, 12], [0, 0]), ([8, 11], [0, 0]), ([7, 11], [0, 0]), ([9, 12], [1, 0]), ([8, 13], [1, 1])]
+    {
+        let cut = enlarged(size, start);
+        for (channel, row) in (0..3).flat_map(|channel| (0..size[0]).map(move |row| (channel, row))) {
+            // Before the start, the first value is repeated.
+            let whole = whole.row(channel, row.saturating_sub(start[0]));
+            let expected: Vec<f32> = (0..size[1]).map(|column| whole[column.saturating_sub(start[1])]).collect();
+            assert_eq!(cut.row(channel, row), expected, "{size:?} from {start:?}, row {row}");
         }
     }
-    // Other sizes are stretched to the whole map.
-    let third = enlarged(12, 18);
-    assert_eq!((third.row(0, 0)[0], third.row(2, 11)[17]), (small.row(0, 0)[0], small.row(2, 3)[5]));
 }
 
 #[test]
@@ -199,8 +205,8 @@ fn fused_instruction_sets_give_the_same_bits() {
     for (channels, stride, size) in [(24, 1, (31, 41)), (96, 1, (15, 20)), (40, 2, (31, 41)), (5, 1, (9, 70))] {
         for activation in [Activation::None, Activation::Silu] {
             let (kernel, with_residual, seed) = (3, true, 5);
-            let case =
-                Case { inputs: channels, outputs: channels, kernel, stride, size, activation, with_residual, seed };
+            let (inputs, outputs, start) = (channels, channels, [0; 2]);
+            let case = Case { inputs, outputs, kernel, stride, start, size, activation, with_residual, seed };
             let mut fused = Instructions::available();
             // Without fused multiply-add, a product is rounded before it is added.
             fused.retain(|instructions| !matches!(instructions, Instructions::Portable));

@@ -1,16 +1,17 @@
 //! The network: a small U-Net that predicts, for each pixel of the half-size image, the log-odds that it belongs to the
 //! same object as the pixels at some offsets.
 //!
-//! Each stage halves the image with a 3×3 convolution of stride 2, followed by residual blocks. The last stage's mean,
-//! after a 1×1 convolution, is added to its output. The path up enlarges each level, adds it to the next finer one, and
+//! Each stage halves the image with a 3×3 convolution of stride 2, at the places of a [`Grid`], followed by residual
+//! blocks. The last stage's mean, after a 1×1 convolution, is added to its output. The path up doubles each level, adds it to the next finer one, and
 //! ends with a 1×1 convolution. The weights determine the widths and the numbers of stages and blocks. Batch norms are
 //! folded into the convolutions.
 
 use super::device_network::DeviceNetwork;
+use super::grid::Grid;
 use super::weights::{AffinityWeightsError, BUILT_IN, Layer, MAX_BYTES, Offset, Weights};
 use crate::SegmenterError;
 use burn::tensor::Device;
-use splatseg_kernels::feature_map::{FeatureMap, MapConvolution, add_upsampled, mean_per_channel};
+use splatseg_kernels::feature_map::{FeatureMap, MapConvolution, add_doubled, mean_per_channel};
 use splatseg_kernels::{Activation, Instructions};
 use std::path::Path;
 use std::sync::Arc;
@@ -125,10 +126,15 @@ impl AffinityNetwork {
     ///
     /// # Errors
     /// [`SegmenterError::Device`] if the device fails.
-    pub(super) fn forward(&self, input: &FeatureMap, memory: &mut NetworkMemory) -> Result<(), SegmenterError> {
+    pub(super) fn forward(
+        &self,
+        input: &FeatureMap,
+        grid: Grid,
+        memory: &mut NetworkMemory,
+    ) -> Result<(), SegmenterError> {
         match &self.layers {
-            PlacedLayers::Cpu(layers) => layers.forward(input, memory),
-            PlacedLayers::Device(network) => network.forward(input, &mut memory.log_odds)?,
+            PlacedLayers::Cpu(layers) => layers.forward(input, grid, memory),
+            PlacedLayers::Device(network) => network.forward(input, grid, &mut memory.log_odds)?,
         }
         Ok(())
     }
@@ -140,14 +146,16 @@ fn read(path: &Path) -> Result<Vec<u8>, AffinityWeightsError> {
 }
 
 impl Layers<MapConvolution> {
-    fn forward(&self, input: &FeatureMap, memory: &mut NetworkMemory) {
+    fn forward(&self, input: &FeatureMap, grid: Grid, memory: &mut NetworkMemory) {
         let Self { stem, stages, pool, path, head } = self;
         memory.levels.resize_with(stages.len() + 1, LevelMemory::default);
+        let start = |level: usize, map: &FeatureMap| grid.start(level, (map.height(), map.width()));
         let LevelMemory { map, phases, .. } = &mut memory.levels[0];
-        stem.forward(input, None, phases, map);
+        stem.forward_from(input, start(0, input), None, phases, map);
         for (index, stage) in stages.iter().enumerate() {
             let (above, below) = memory.levels.split_at_mut(index + 1);
-            stage.forward(&above[index].map, &mut below[0]);
+            let map = &above[index].map;
+            stage.forward(map, start(index + 1, map), &mut below[0]);
         }
         let LevelMemory { map, phases, first, .. } = &mut memory.levels[stages.len()];
         pool.forward(&mean_per_channel(map), None, phases, first);
@@ -157,7 +165,8 @@ impl Layers<MapConvolution> {
         }
         for (index, step) in path.iter().enumerate().rev() {
             let (fine, coarse) = memory.levels.split_at_mut(index + 1);
-            step.forward(&mut coarse[0], &mut fine[index]);
+            let start = start(index + 1, &fine[index].map);
+            step.forward(&mut coarse[0], &mut fine[index], start);
         }
         let LevelMemory { map, phases, .. } = &mut memory.levels[0];
         head.forward(map, None, phases, &mut memory.log_odds);
@@ -223,9 +232,9 @@ impl<L: Layer> PathStep<L> {
 }
 
 impl Stage<MapConvolution> {
-    fn forward(&self, input: &FeatureMap, level: &mut LevelMemory) {
+    fn forward(&self, input: &FeatureMap, start: [usize; 2], level: &mut LevelMemory) {
         let LevelMemory { map, first, second, phases, .. } = level;
-        self.down.forward(input, None, phases, map);
+        self.down.forward_from(input, start, None, phases, map);
         for [a, b] in &self.blocks {
             a.forward(map, None, phases, first);
             b.forward(first, Some(map), phases, second);
@@ -235,10 +244,10 @@ impl Stage<MapConvolution> {
 }
 
 impl PathStep<MapConvolution> {
-    fn forward(&self, coarse: &mut LevelMemory, fine: &mut LevelMemory) {
+    fn forward(&self, coarse: &mut LevelMemory, fine: &mut LevelMemory, start: [usize; 2]) {
         self.lateral.forward(&coarse.map, None, &mut coarse.phases, &mut coarse.lateral);
         let LevelMemory { map, first, phases, .. } = fine;
-        add_upsampled(&coarse.lateral, map, Instructions::best());
+        add_doubled(&coarse.lateral, map, start, Instructions::best());
         for layer in &self.layers {
             layer.forward(map, None, phases, first);
             std::mem::swap(map, first);

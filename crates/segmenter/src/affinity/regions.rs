@@ -2,8 +2,9 @@
 //!
 //! Inside an object nearly all log-odds are high, and the order in which its pixels are merged does not matter. So
 //! pixels are first united within cells of [`CELL`] × [`CELL`] pixels, along confident edges to direct neighbours. A
-//! region never leaves its cell, so it cannot leak far through a gap in a border.
+//! region never leaves its cell, so it cannot leak far through a gap in a border. The cells lie on the [`Grid`].
 
+use super::grid::Grid;
 use super::weights::Offset;
 use rayon::prelude::*;
 use splatseg_kernels::feature_map::FeatureMap;
@@ -50,14 +51,15 @@ pub(super) struct RegionGraph {
 
 impl RegionGraph {
     /// Builds the regions of an image from log-odds `[offsets, height, width]`.
-    pub fn from_log_odds(log_odds: &FeatureMap, offsets: &[Offset]) -> Self {
-        Self::with_cells(log_odds, offsets, CELL)
+    pub fn from_log_odds(log_odds: &FeatureMap, offsets: &[Offset], grid: Grid) -> Self {
+        Self::with_cells(log_odds, offsets, CELL, grid.first_cell(CELL))
     }
 
-    /// Like [`Self::from_log_odds`], with cells of `cell` × `cell` pixels.
-    pub fn with_cells(log_odds: &FeatureMap, offsets: &[Offset], cell: usize) -> Self {
+    /// Like [`Self::from_log_odds`], with cells of `cell` × `cell` pixels, one of which begins at row and column
+    /// `first`.
+    pub fn with_cells(log_odds: &FeatureMap, offsets: &[Offset], cell: usize, first: [usize; 2]) -> Self {
         let image = PixelEdges::new(log_odds, offsets);
-        let labels = image.regions(cell);
+        let labels = image.regions(cell, first);
         let count = labels.iter().max().map_or(0, |last| *last as usize + 1);
         let pixels = PixelsByRegion::new(&labels, count);
         let jobs: Vec<usize> = (0..count).step_by(REGIONS_PER_JOB).collect();
@@ -105,7 +107,11 @@ impl PixelEdges {
     }
 
     /// Unites direct neighbours within cells. Returns the region of each pixel.
-    fn regions(&self, cell: usize) -> Vec<u32> {
+    fn regions(&self, cell: usize, first: [usize; 2]) -> Vec<u32> {
+        // True if the next row or column is in another cell, or none.
+        let is_last = |place: usize, axis: usize, size: usize| {
+            place + 1 == size || (place + 1 + cell - first[axis]).is_multiple_of(cell)
+        };
         let sure = (SURE * UNIT) as i16;
         let mut parents: Vec<u32> = (0..(self.width * self.height) as u32).collect();
         for (offset, values) in &self.planes {
@@ -115,12 +121,11 @@ impl PixelEdges {
                 _ => continue,
             };
             for (row, values) in values.chunks_exact(self.width).enumerate() {
-                if offset.down == 1 && ((row + 1).is_multiple_of(cell) || row + 1 == self.height) {
+                if offset.down == 1 && is_last(row, 0, self.height) {
                     continue;
                 }
                 for (column, value) in values.iter().enumerate() {
-                    let is_last = offset.right == 1 && ((column + 1).is_multiple_of(cell) || column + 1 == self.width);
-                    if *value > sure && !is_last {
+                    if *value > sure && !(offset.right == 1 && is_last(column, 1, self.width)) {
                         let pixel = row * self.width + column;
                         let (a, b) = (root(&mut parents, pixel as u32), root(&mut parents, (pixel + step) as u32));
                         // The root of a region is its first pixel.

@@ -1,6 +1,7 @@
 //! Comparison with PyTorch and the training's inputs (`training/make_test_data.py`), and with greedy merging.
 
 use super::agglomeration::MergeTree;
+use super::grid::Grid;
 use super::network::{AffinityNetwork, NetworkMemory};
 use super::regions::RegionGraph;
 use super::resolution::ScaledFrame;
@@ -86,7 +87,7 @@ fn log_odds_are_those_of_pytorch() {
     let mut memory = NetworkMemory::default();
     for size in SIZES {
         let input = map_from_values(&golden.numbers(size, "inputs"), 8, size);
-        network.forward(&input, &mut memory).unwrap();
+        network.forward(&input, Grid::new((size.1, size.0)), &mut memory).unwrap();
         assert_close(&memory.log_odds, &golden.numbers(size, "log_odds"), 1e-4);
     }
 }
@@ -98,7 +99,7 @@ fn burns_operations_give_the_log_odds_of_pytorch() {
     let mut memory = NetworkMemory::default();
     for size in SIZES {
         let input = map_from_values(&golden.numbers(size, "inputs"), 8, size);
-        network.forward(&input, &mut memory).unwrap();
+        network.forward(&input, Grid::new((size.1, size.0)), &mut memory).unwrap();
         assert_close(&memory.log_odds, &golden.numbers(size, "log_odds"), 1e-4);
     }
 }
@@ -174,7 +175,7 @@ fn chains_merge_as_the_greedy_order_does() {
     for seed in 0..10 {
         for cell in [1, 4] {
             let log_odds = noisy_log_odds((17, 13), seed);
-            let graph = RegionGraph::with_cells(&log_odds, &OFFSETS, cell);
+            let graph = RegionGraph::with_cells(&log_odds, &OFFSETS, cell, [0; 2]);
             assert!(cell > 1 || graph.edges.len() == 17 * 13);
             let expected: Vec<Vec<usize>> =
                 [-1.5, 0.0, 1.0].map(|threshold| renumbered(merged_greedily(&graph, threshold))).to_vec();
@@ -191,7 +192,9 @@ fn chains_merge_as_the_greedy_order_does() {
 #[test]
 fn regions_stay_in_their_cells() {
     let sure = map_from_values(&[9.0; 5 * 35], OFFSETS.len(), (7, 5));
-    let graph = RegionGraph::with_cells(&sure, &OFFSETS, 4);
+    let moved = RegionGraph::with_cells(&sure, &OFFSETS, 4, [1, 2]);
+    assert_eq!(moved.labels[..14], [0, 0, 1, 1, 1, 1, 2, 3, 3, 4, 4, 4, 4, 5]);
+    let graph = RegionGraph::with_cells(&sure, &OFFSETS, 4, [0; 2]);
     assert_eq!(graph.labels[..14], [0, 0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1]);
     assert_eq!(graph.edges.len(), 4);
     let tree = MergeTree::new(graph);
