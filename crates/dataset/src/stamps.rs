@@ -31,7 +31,7 @@ const FIRST_MILLISECOND: f64 = 1e11;
 pub(crate) struct Stamp {
     value: f64,
     /// The number itself, if it is whole: `f64` has too few digits for nanoseconds.
-    whole: Option<u64>,
+    whole: Option<i128>,
 }
 
 impl Stamp {
@@ -44,7 +44,7 @@ impl Stamp {
     /// The time in seconds.
     pub(crate) fn seconds(self, unit: TimeUnit) -> f64 {
         let per_second = unit.per_second();
-        match self.whole {
+        match self.whole.and_then(|whole| u64::try_from(whole).ok()) {
             Some(whole) if per_second > 1 => {
                 let nanoseconds = (whole % per_second) * (NANOSECONDS / per_second);
                 Duration::new(whole / per_second, nanoseconds as u32).as_secs_f64()
@@ -287,6 +287,7 @@ mod tests {
             (&[7.0], false),
             (&[], false),
             (&[-2.0, 12.5, -3.0, 12.6], false),
+            (&[-10.0, 0.0, 10.0], true),
         ] {
             let scale = scale(&texts(numbers));
             assert_eq!((scale.unit, scale.long_step.is_some()), (TimeUnit::Seconds, is_doubtful), "{numbers:?}");
@@ -296,7 +297,7 @@ mod tests {
     #[test]
     fn lists_that_overlap_have_one_unit() {
         let stamps = |texts: &[&str]| texts.iter().map(|text| Stamp::parse(text).unwrap()).collect::<Vec<_>>();
-        let images = TimeScale::of(&stamps(&["0", "33", "67", "100"]), None);
+        let images = TimeScale::of(&stamps(&["-1", "33", "67", "100"]), None);
         assert_eq!(images.unit, TimeUnit::Milliseconds);
         let poses = stamps(&["0", "1", "2", "3", "4", "5"]);
         assert_eq!(TimeScale::of(&poses, None).unit, TimeUnit::Seconds);
