@@ -138,6 +138,7 @@ impl DelayCheck {
         };
         (is_frame && gain >= MIN_GAIN && is_better).then(|| {
             let text = described(intervals, seconds, [means[0], means[best]]);
+            let gain = means[best] / means[0].max(f64::MIN_POSITIVE);
             Explained { doubt: InputDoubt { kind: DoubtKind::Delay, text }, gain }
         })
     }

@@ -293,7 +293,11 @@ fn described(best: &PoseFormat, given: &PoseFormat) -> String {
         parts.push(format!("{} poses", best.convention()));
     }
     if best.scale != given.scale {
-        parts.push(format!("positions in units of {} m", usual_scale(best, given)));
+        parts.push(match usual_scale(best, given).as_str() {
+            "0.01" => "positions in centimetres".to_owned(),
+            "0.001" => "positions in millimetres".to_owned(),
+            scale => format!("positions in units of {scale} m"),
+        });
     }
     parts.join(" and ")
 }

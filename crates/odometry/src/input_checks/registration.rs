@@ -57,7 +57,7 @@ fn placements() -> Vec<Placement> {
     all
 }
 
-/// A doubt, with the share of the contrast that its explanation adds.
+/// A doubt, with the contrast at edges of depth that its explanation gives, per present one.
 #[derive(Clone, Debug)]
 pub(super) struct Explained {
     pub(super) doubt: InputDoubt,
@@ -114,6 +114,7 @@ impl RegistrationCheck {
             return None;
         }
         let text = described(&placements[best], [means[present], means[best]]);
+        let gain = means[best] / means[present].max(f64::MIN_POSITIVE);
         Some(Explained { doubt: InputDoubt { kind: DoubtKind::Registration, text }, gain })
     }
 }
