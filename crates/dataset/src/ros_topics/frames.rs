@@ -9,6 +9,7 @@ use super::transform_tree::{Purpose, Route};
 use super::transforms::{Instant, Rigid, Tolerance};
 use super::world::{TreePoses, no_poses_text, tree_poses};
 use crate::plausibility::warn_once;
+use crate::pose_convention::PoseConvention;
 use crate::recorded_poses::PoseCoverage;
 use crate::stamps::time_range;
 use crate::tum::associate;
@@ -185,7 +186,8 @@ impl<'a> FrameMaker<'a> {
     fn hint_at_link_frame(&self, connected: Option<&str>, camera: &str, largest_turn: f64) {
         let name = camera.rsplit('/').next().unwrap_or_default().to_ascii_lowercase();
         let is_link = name.ends_with("link") || LINK_FRAMES.contains(&name.as_str());
-        if connected.is_some() && is_link && !name.contains("optical") && largest_turn < OPTICAL_TURN {
+        let is_stated = self.settings.pose_convention != PoseConvention::default();
+        if connected.is_some() && is_link && !name.contains("optical") && largest_turn < OPTICAL_TURN && !is_stated {
             warn_once(format!(
                 "{}: the images are in {camera}, whose name is that of a link (x forward), not of an optical frame (z \
                  forward): if its poses have x forward, say so with --pose-convention",
@@ -209,6 +211,9 @@ impl<'a> FrameMaker<'a> {
 
     /// Warns that the poses of another body are taken for the camera's.
     fn warn_of_other_body(&self, topic: &str, body: &str, camera: &str) {
+        if self.settings.pose_convention != PoseConvention::default() {
+            return;
+        }
         warn_once(format!(
             "{}: {topic} has poses of {body}, and no transform connects {camera} to it: they are taken for the camera's; \
              record /tf_static, name another frame with --pose-frame, or say with --pose-convention that {body} has x \
