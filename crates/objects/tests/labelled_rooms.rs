@@ -28,15 +28,28 @@ const TOLERANCE: f64 = 0.05;
 /// The points of an object, world coordinates, metres, and the number of frames that showed it.
 #[derive(Default)]
 struct Points {
-    points: Vec<DVec3>,
+    all: Vec<DVec3>,
+    /// Those that are farther from other labels than [`BORDER`].
+    inner: Vec<DVec3>,
     frames: usize,
+}
+
+/// The points that boxes are compared with.
+#[derive(Clone, Copy)]
+enum Compared {
+    All,
+    Inner,
 }
 
 impl Points {
     /// Lengths along three axes from the 1st to the 99th percentile, metres.
-    fn sides(&self, axes: DMat3) -> [f64; 3] {
+    fn sides(&self, axes: DMat3, compared: Compared) -> [f64; 3] {
+        let points = match compared {
+            Compared::All => &self.all,
+            Compared::Inner => &self.inner,
+        };
         [axes.x_axis, axes.y_axis, axes.z_axis].map(|axis| {
-            let mut along: Vec<f64> = self.points.iter().map(|point| point.dot(axis)).collect();
+            let mut along: Vec<f64> = points.iter().map(|point| point.dot(axis)).collect();
             along.sort_unstable_by(f64::total_cmp);
             let at = |percent: usize| along[percent * (along.len() - 1) / 100];
             at(99) - at(1)
@@ -90,8 +103,10 @@ impl Labelled {
             let (column, row) = (index % frame.width(), index / frame.width());
             let point = frame.intrinsics().unproject(Vec2::new(column as f32, row as f32), *depth);
             let point = frame.world_from_camera().to_world(point);
-            if is_inside(truth, (column, row)) {
-                self.points.entry(truth[(column, row)]).or_default().points.push(point);
+            let of_label = self.points.entry(truth[(column, row)]).or_default();
+            of_label.all.push(point);
+            if is_inner(truth, (column, row)) {
+                of_label.inner.push(point);
             }
             self.room = AxisAlignedBox { min: self.room.min.min(point), max: self.room.max.max(point) };
         }
@@ -116,34 +131,24 @@ impl Labelled {
     /// The labelled objects that were seen well enough, with the shapes found.
     fn compared(&self) -> impl Iterator<Item = (&Points, &ObjectShape)> {
         let seen = self.points.iter().filter(|(id, points)| {
-            **id != self.unlabelled && points.frames >= MIN_FRAMES && points.points.len() >= MIN_POINTS
+            **id != self.unlabelled && points.frames >= MIN_FRAMES && points.inner.len() >= MIN_POINTS
         });
         seen.map(|(id, points)| (points, &self.shapes[id]))
     }
 
-    /// Number of sides of the oriented boxes that are met, too short and too long.
-    fn oriented_sides(&self) -> Counts {
+    /// Compares the sides of the oriented boxes.
+    fn sides(&self, compared: Compared) -> Counts {
         let mut counts = Counts::default();
         for (points, shape) in self.compared() {
             let axes = DMat3::from_quat(shape.oriented_box.rotation.as_dquat());
-            counts.add(shape.oriented_box.size.as_dvec3(), points.sides(axes));
-        }
-        counts
-    }
-
-    /// As [`Self::oriented_sides`], of the boxes along the world's axes.
-    fn aligned_sides(&self) -> Counts {
-        let mut counts = Counts::default();
-        for (points, shape) in self.compared() {
-            let AxisAlignedBox { min, max } = shape.axis_aligned_box;
-            counts.add(max - min, points.sides(DMat3::IDENTITY));
+            counts.add(shape.oriented_box.size.as_dvec3(), points.sides(axes, compared));
         }
         counts
     }
 }
 
 /// True if all pixels around, up to [`BORDER`], have the same label.
-fn is_inside(truth: &SegmentMap, (column, row): (usize, usize)) -> bool {
+fn is_inner(truth: &SegmentMap, (column, row): (usize, usize)) -> bool {
     let around = |place: usize, size: usize| place.saturating_sub(BORDER)..=(place + BORDER).min(size - 1);
     let label = truth[(column, row)];
     around(row, truth.height()).all(|row| around(column, truth.width()).all(|column| truth[(column, row)] == label))
@@ -170,25 +175,33 @@ impl Counts {
         }
     }
 
+    fn count(&self) -> usize {
+        self.met + self.short + self.long
+    }
+
     fn share(&self) -> f64 {
-        self.met as f64 / (self.met + self.short + self.long) as f64
+        self.met as f64 / self.count() as f64
     }
 }
 
 #[test]
 fn boxes_in_a_kitchen_are_those_of_the_labels() {
     let Some(kitchen) = learnt("boxes_in_a_kitchen_are_those_of_the_labels", "kitchen-dev") else { return };
-    let (oriented, aligned) = (kitchen.oriented_sides(), kitchen.aligned_sides());
-    println!("kitchen: {oriented:?}, along the world's axes {aligned:?}");
+    let (all, inner) = (kitchen.sides(Compared::All), kitchen.sides(Compared::Inner));
+    println!("kitchen: {all:?}, without the labels' borders {inner:?}");
     kitchen.assert_boxes_are_in_the_room();
-    assert!(oriented.share() >= 0.7, "{oriented:?}");
+    // The labels contain parts of what lies behind the objects, on up to a tenth of their pixels: most of the other
+    // sides are shorter than the labels say, and hardly one of these is without the labels' borders.
+    assert!(all.share() >= 0.6, "{all:?}");
+    assert!(inner.share() >= 0.75 && 20 * inner.short <= inner.count(), "{inner:?}");
 }
 
 #[test]
 fn boxes_in_a_lounge_are_those_of_the_labels() {
     let Some(lounge) = learnt("boxes_in_a_lounge_are_those_of_the_labels", "hololens-dev") else { return };
-    let (oriented, aligned) = (lounge.oriented_sides(), lounge.aligned_sides());
-    println!("lounge: {oriented:?}, along the world's axes {aligned:?}");
+    let (all, inner) = (lounge.sides(Compared::All), lounge.sides(Compared::Inner));
+    println!("lounge: {all:?}, without the labels' borders {inner:?}");
     lounge.assert_boxes_are_in_the_room();
-    assert!(oriented.share() >= 0.7, "{oriented:?}");
+    assert!(all.share() >= 0.85, "{all:?}");
+    assert!(20 * inner.short <= inner.count(), "{inner:?}");
 }

@@ -61,7 +61,8 @@
 //! | checksum | `u32` | CRC-32 (zlib's) of every byte of the file before it |
 //!
 //! State that the memory keeps for a few frames is in the text at the end of the block (`short_term` bytes of JSON, see
-//! `short_term.rs`).
+//! `short_term.rs`), and so is what is known about the place of each Gaussian: `surfaces`, runs of a kind (`observed`,
+//! `continued` or `assumed`) and a length. Without it, all were observed.
 //!
 //! The block is not a second PLY element because two browser viewers (antimatter15/splat, gsplat.js) count every
 //! `property` line of the header as part of a vertex. Like PlayCanvas/SuperSplat, GaussianSplats3D and plyfile, they
