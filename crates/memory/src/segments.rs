@@ -113,6 +113,8 @@ impl Segments {
         segments.released = ReleasedIds::restored(saved.released)?;
         for SavedSegment { id, sightings, carried } in live.iter().copied() {
             segments.live.insert(id, LiveSegment { sightings, carried, ..LiveSegment::default() });
+            // The ids held by the frames before are not saved: each id is judged again.
+            segments.changed.insert(id);
         }
         let mut spare = segments.released.ids();
         let known = segments.highest();

@@ -108,7 +108,7 @@ fn the_unit_of_depth_is_one_option_for_every_format() {
     assert_ne!(halved, own);
     assert_eq!(depth_line(&["--config", config.to_str().unwrap()]), halved);
     for (options, expected) in [
-        (["--depth-scale", "1e38"], "dataset.depth_scale is 1e38, expected 0.001 to 1000000"),
+        (["--depth-scale", "1e38"], ".0, expected 0.001 to 1000000"),
         (["--depth-scale", "nan"], "dataset.depth_scale is nan, expected "),
         (
             ["--depth-scale", "1000000"],

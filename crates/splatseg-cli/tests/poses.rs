@@ -118,5 +118,5 @@ fn poses_that_do_not_fit_the_images_are_told_with_the_setting_that_mends_them() 
     let right = run(scene, &folder.path().join("right"), &["--segmenter", "oracle", "--strict-input"]);
     assert_eq!(right.code, 0, "{}", right.err);
     let refused = run(scene, &folder.path().join("refused"), &["--pose-convention", "left-handed"]);
-    assert!(refused.code == 2 && refused.err.contains("dataset.pose_convention"), "{}", refused.err);
+    assert!(refused.code == 2 && refused.err.contains("--pose-convention"), "{}", refused.err);
 }

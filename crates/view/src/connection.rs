@@ -65,23 +65,23 @@ enum Stage {
 }
 
 impl Connections {
-    /// Adds a connection. Too many without the token cost the oldest of them its place.
-    fn add(&self, number: u64, tcp: TcpStream) -> io::Result<()> {
+    /// Adds a connection. Too many without the token cost the oldest of them its place. Returns true if so.
+    fn add(&self, number: u64, tcp: TcpStream) -> io::Result<bool> {
         let mut open = lock(&self.open);
         let strangers = open.values().filter(|other| other.stage != Stage::Known).count();
         if strangers >= MAX_ENDING_STRANGERS {
             return Err(io::Error::other("too many connections without the token"));
         }
         let waiting = open.values().filter(|other| other.stage == Stage::Stranger).count();
-        if waiting >= MAX_STRANGERS
-            && let Some(oldest) = open.values_mut().find(|other| other.stage == Stage::Stranger)
-        {
+        let mut oldest = open.values_mut().find(|other| other.stage == Stage::Stranger && waiting >= MAX_STRANGERS);
+        if let Some(oldest) = &mut oldest {
             oldest.stage = Stage::Ended;
             // It may have ended by itself.
             let _ = oldest.tcp.shutdown(Shutdown::Both);
         }
+        let has_ended_one = oldest.is_some();
         open.insert(number, Open { tcp, stage: Stage::Stranger });
-        Ok(())
+        Ok(has_ended_one)
     }
 
     /// Records that a connection has shown the token. Returns false if there are `most` of these already.
@@ -136,7 +136,9 @@ pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>, connections: 
 
 /// Starts the thread of a connection.
 fn start(tcp: TcpStream, number: u64, shared: &Arc<Shared>, connections: &Arc<Connections>) -> io::Result<()> {
-    connections.add(number, tcp.try_clone()?)?;
+    if connections.add(number, tcp.try_clone()?)? {
+        count(&shared.counters.refused);
+    }
     let (thread_shared, thread_connections) = (Arc::clone(shared), Arc::clone(connections));
     let answer = move || {
         if let Err(error) = handle(tcp, number, &thread_shared, &thread_connections) {

@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub struct ViewCounts {
     /// Connections accepted by the system, including those refused later.
     pub connections: u64,
-    /// Requests without the token, for a foreign host name or from a foreign page, or beyond the number of viewers.
+    /// Requests without the token, for a foreign host name or from a foreign page, or beyond the number of viewers, and
+    /// connections that had to make room before they had shown the token.
     pub refused: u64,
     /// Requests that are not valid HTTP, too large, or not in time.
     pub bad_requests: u64,

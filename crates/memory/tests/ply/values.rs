@@ -59,7 +59,7 @@ fn failed_saving_leaves_the_old_file() {
         refuses(|file| file.map.last_seen.push(0), "last_seen has 4");
         refuses(|file| file.map.seen_through.clear(), "seen_through has 0");
         refuses(|file| file.short_term = vec![b' '; (1 << 28) + 1], "268435457 bytes of state besides the Gaussians");
-        refuses(|file| file.origin.x = 1e20, "three numbers up to");
+        refuses(|file| file.origin.x = f64::MAX, "three numbers up to");
         refuses(|file| file.segment_ids.push(0), "segment_ids has 4");
         refuses(|file| file.carried.truncate(3), "carried has 3 entries, expected 4");
         refuses(|file| file.segment_ids[2] = 5, "segment_id of Gaussian 2 is 5");

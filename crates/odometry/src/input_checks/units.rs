@@ -15,7 +15,8 @@ const DEPTH_FRAMES: usize = 8;
 /// A frame's depth is judged by every Nth pixel: a prime, so that all columns count.
 const DEPTH_SAMPLING: usize = 97;
 
-/// Units of stored depth that are mistaken for each other, and their numbers per metre: true, then assumed.
+/// Numbers of units of stored depth per metre that are mistaken for each other: true, then assumed. The first one that
+/// makes the depth that of a room is named, so common ones come first.
 const MISTAKEN_UNITS: [(f64, f64); 12] = [
     (1000.0, 5000.0),
     (5000.0, 1000.0),
@@ -96,10 +97,8 @@ impl UsualDepth {
     pub(super) fn doubt(&mut self) -> Option<InputDoubt> {
         let found = median(self.medians.clone()).filter(|depth| !USUAL_DEPTH.contains(depth) && !self.is_told)?;
         self.is_told = true;
-        let likely = MISTAKEN_UNITS.iter().map(|(is, assumed)| assumed / is);
-        let likely = likely.filter(|factor| LIKELY_DEPTH.contains(&(found * *factor as f32)));
-        // The smallest mistake that makes it the depth of a room.
-        let likely = likely.min_by(|one, other| one.ln().abs().total_cmp(&other.ln().abs()));
+        let mut mistakes = MISTAKEN_UNITS.iter().map(|(is, assumed)| assumed / is);
+        let likely = mistakes.find(|factor| LIKELY_DEPTH.contains(&(found * *factor as f32)));
         let remedy = likely.map_or_else(String::new, |factor| {
             format!("; it would be {} m if you {}", rounded(f64::from(found) * factor), remedy(factor))
         });
