@@ -29,7 +29,7 @@ def crops(text):
 def command(arguments, *words):
     """Runs splatseg with the scene's resizing."""
     resize = ["--resize", arguments.resize] if arguments.resize else []
-    subprocess.run([arguments.program, *words, *resize], check=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    subprocess.run([arguments.program, *words, *resize], check=True, capture_output=True)
 
 
 def score(arguments, crop, largest, folder):
