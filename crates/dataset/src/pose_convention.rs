@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 choices! {
-    /// What recorded poses are.
+    /// Convention of recorded poses: direction and camera axes.
     pub enum PoseConvention, default CameraToWorld {
         /// Camera-to-world; camera axes x right, y down, z forward.
         CameraToWorld = "camera-to-world",

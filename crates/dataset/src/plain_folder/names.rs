@@ -104,7 +104,7 @@ fn stamp_of(text: &str) -> Option<(Stamp, Option<TimeUnit>)> {
     }
     let (_, unit) = DIGITS.into_iter().find(|(digits, _)| *digits == text.len() && is_digits(text))?;
     let stamp = Stamp::parse(text)?;
-    // Numbers of frames may have leading zeros, but not so many digits as nanoseconds.
+    // Numbers of frames may have leading zeros, but fewer digits than nanoseconds.
     let is_time = unit == TimeUnit::Nanoseconds || TimeUnit::since_1970(stamp) == Some(unit);
     is_time.then_some((stamp, Some(unit)))
 }

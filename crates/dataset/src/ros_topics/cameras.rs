@@ -22,7 +22,7 @@ pub(crate) struct Calibration {
     rectified: [f64; 4],
 }
 
-/// What is known about images from elsewhere than their camera info.
+/// Facts about images from other sources than their camera info.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ImageFacts {
     /// True if they were rectified before recording.
