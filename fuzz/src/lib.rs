@@ -1,18 +1,18 @@
 //! Shared by the fuzz targets: small valid files of every format, and a folder for damaged copies.
 
 mod checkpoint;
-#[path = "../../crates/models/tests/checkpoint/files.rs"]
+#[path = "../../crates/models/tests/it/checkpoint/files.rs"]
 #[allow(dead_code)] // The tests use more of it.
 pub mod files;
-#[path = "../../crates/models/tests/checkpoint/pickler.rs"]
+#[path = "../../crates/models/tests/it/checkpoint/pickler.rs"]
 #[allow(dead_code)] // The tests use more of it.
 pub mod pickler;
 mod place;
-#[path = "../../crates/memory/tests/ply/sample.rs"]
+#[path = "../../crates/memory/tests/it/ply/sample.rs"]
 #[allow(dead_code)]
 pub mod sample;
 pub mod scenes;
-#[path = "../../crates/dataset/tests/support/mod.rs"]
+#[path = "../../crates/dataset/tests/it/support/mod.rs"]
 pub mod support;
 
 pub use checkpoint::read_checkpoint;

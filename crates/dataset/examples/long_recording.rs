@@ -6,7 +6,7 @@
 //!
 //! The arguments are numbers of frames. The time per frame must not grow.
 
-#[path = "../tests/support/mod.rs"]
+#[path = "../tests/it/support/mod.rs"]
 mod support;
 
 use glam::{DQuat, DVec3};

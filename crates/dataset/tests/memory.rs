@@ -1,6 +1,7 @@
 //! Peak memory of reading. The process's peak is measured, so this file has one test.
 #![cfg(target_os = "linux")]
 
+#[path = "it/support/mod.rs"]
 mod support;
 
 use flate2::{Compression, write::ZlibEncoder};

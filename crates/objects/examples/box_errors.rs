@@ -2,7 +2,7 @@
 //!
 //! `cargo run --release -p splatseg-objects --example box_errors -- 200 229` (the first and the last seed)
 
-#[path = "../tests/seen_room/mod.rs"]
+#[path = "../tests/it/seen_room/mod.rs"]
 mod seen_room;
 
 use seen_room::{BoxErrors, room, seen_room};

@@ -5,7 +5,7 @@
 //! cargo run --release -p splatseg-tracking --example ten_thousand_things
 //! ```
 
-#[path = "../tests/endless_wall/mod.rs"]
+#[path = "../tests/it/endless_wall/mod.rs"]
 mod endless_wall;
 
 use endless_wall::{THINGS_PER_FRAME, show};

@@ -12,7 +12,7 @@ use burn::tensor::{Tensor, TensorData};
 use splatseg_geometry::Image;
 use std::path::Path;
 
-#[path = "../../../tests/sam2_golden/mod.rs"]
+#[path = "../../../tests/it/sam2_golden/mod.rs"]
 mod golden;
 
 use golden::test_device::device;

@@ -1,0 +1,124 @@
+//! Detection of scene formats.
+
+use crate::support::*;
+use splatseg_dataset::{DatasetError, DatasetSettings, Format, open_scene};
+use std::fs;
+use std::path::Path;
+
+#[test]
+fn missing_empty_and_unknown_paths_are_distinguished() {
+    let folder = tempfile::tempdir().unwrap();
+    let settings = DatasetSettings::default();
+    let missing = open_scene(folder.path().join("nothing"), &settings);
+    assert!(matches!(missing, Err(DatasetError::NotFound { .. })));
+    assert!(matches!(open_scene(folder.path(), &settings), Err(DatasetError::EmptyFolder { .. })));
+    std::fs::write(folder.path().join("notes.txt"), "hello").unwrap();
+    let unknown = open_scene(folder.path(), &settings).unwrap_err();
+    assert!(matches!(unknown, DatasetError::NotRecognised { .. }));
+    let text = unknown.to_string();
+    for part in
+        ["7scenes: frame-000000.color.png", "scannet: color/0.jpg", "mvpd: panoptic_", "synthetic: the word synthetic"]
+    {
+        assert!(text.contains(part), "{text}");
+    }
+    let file = open_scene(folder.path().join("notes.txt"), &settings);
+    assert!(matches!(file, Err(DatasetError::NotRecognised { .. })));
+}
+
+#[test]
+fn a_stated_format_must_be_there() {
+    let folder = tempfile::tempdir().unwrap();
+    write_sevenscenes(folder.path(), 1);
+    let settings = |format| DatasetSettings::default().with(|settings| settings.format = format);
+    assert!(open_scene(folder.path(), &settings(Format::SevenScenes)).is_ok());
+    use Format::{Folder, Mvpd, Replica, Scannet, Sens, Synthetic, Tum};
+    for format in [Scannet, Sens, Tum, Replica, Mvpd, Folder, Synthetic] {
+        let error = open_scene(folder.path(), &settings(format)).unwrap_err();
+        assert!(error.to_string().contains(&format!("not a scene of format {format}")), "{error}");
+    }
+}
+
+#[test]
+fn the_synthetic_room_needs_no_files() {
+    let scene = open_scene("synthetic:frames=3,width=32,height=24", &DatasetSettings::default()).unwrap();
+    assert_eq!((scene.frame_count(), scene.has_ground_truth()), (3, true));
+    assert_eq!(scene.read_frame(2).unwrap().width(), 32);
+    let error = open_scene("synthetic:frames=many", &DatasetSettings::default()).unwrap_err();
+    assert!(matches!(error, DatasetError::Synthetic { .. }), "{error}");
+}
+
+#[test]
+fn impossible_settings_are_refused_on_opening() {
+    let settings = DatasetSettings::default().with(|settings| settings.stride = 0);
+    assert!(matches!(open_scene("synthetic", &settings), Err(DatasetError::Setting(_))));
+}
+
+fn write_empty_files(names: &[&str], folder: &Path) {
+    for name in names {
+        fs::create_dir_all(folder.join(name).parent().unwrap()).unwrap();
+        fs::write(folder.join(name), "").unwrap();
+    }
+}
+
+#[test]
+fn missing_parts_of_a_scene_are_reported() {
+    let error_without = |write: fn(&Path), remove: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        write(folder.path());
+        let part = folder.path().join(remove);
+        if part.is_dir() {
+            fs::remove_dir_all(part).unwrap()
+        } else {
+            fs::remove_file(part).unwrap()
+        }
+        let error = open_scene(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
+        error.replace(&folder.path().display().to_string(), "SCENE")
+    };
+    let scannet = |folder: &Path| {
+        write_scannet(folder, 2, &ScannetSizes { color: (16, 12), depth: (16, 12), labels: (16, 12) });
+    };
+    assert!(error_without(scannet, "depth").contains("this is missing: depth/ (found"));
+    assert!(error_without(scannet, "color").contains("this is missing: color/ (found"));
+    assert_eq!(
+        error_without(scannet, "intrinsic"),
+        "SCENE: the camera is not known: describe it in intrinsic/intrinsic_color.txt and intrinsic/intrinsic_depth.txt, or \
+         give its focal length in pixels with --fx"
+    );
+    assert_eq!(
+        error_without(scannet, "intrinsic/intrinsic_color.txt"),
+        "SCENE/intrinsic/intrinsic_color.txt: the camera intrinsics file is missing"
+    );
+    let sevenscenes = |folder: &Path| write_sevenscenes(folder, 1);
+    assert_eq!(
+        error_without(sevenscenes, "frame-000000.depth.png"),
+        "SCENE: looks like a scene of format 7scenes, but this is missing: frame-<number>.depth.png (found: \
+         frame-<number>.color.png or .jpg)"
+    );
+    assert!(
+        error_without(sevenscenes, "frame-000000.color.jpg")
+            .contains("this is missing: frame-<number>.color.png or .jpg")
+    );
+    let replica = |folder: &Path| write_empty_files(&["traj.txt", "results/frame000000.jpg"], folder);
+    let error = error_without(replica, "traj.txt");
+    assert!(
+        error.contains("format replica, but this is missing: results/depth<number>.png (found: results/, "),
+        "{error}"
+    );
+    let no_depth = |folder: &Path| write_empty_files(&["traj.txt", "results/frame0.jpg", "other.txt"], folder);
+    assert_eq!(error_without(no_depth, "other.txt"), "SCENE/results: no frames: looked for depth<number>.png");
+    let mvpd =
+        |folder: &Path| write_empty_files(&["panoptic_val.json", "imagesRGB/a/0.jpg", "imagesDEPTH/a/0.png"], folder);
+    assert!(
+        error_without(mvpd, "panoptic_val.json")
+            .contains("format mvpd, but this is missing: panoptic_<split>.json (found")
+    );
+}
+
+#[test]
+fn empty_subfolders_are_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 1, &ScannetSizes { color: (16, 12), depth: (16, 12), labels: (16, 12) });
+    fs::remove_file(folder.path().join("pose/0.txt")).unwrap();
+    let error = open_scene(folder.path(), &DatasetSettings::default()).unwrap_err().to_string();
+    assert!(error.ends_with("pose: no frames: looked for <number>.txt"), "{error}");
+}

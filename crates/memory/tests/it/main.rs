@@ -1,0 +1,9 @@
+//! The integration tests of this crate, in one program: it is linked once.
+
+mod codebook;
+mod continuing;
+mod correction;
+mod depth_completion;
+mod own_store;
+mod ply;
+mod rules;

@@ -1,0 +1,7 @@
+//! The integration tests of this crate, in one program: it is linked once.
+
+mod labelled_rooms;
+mod names;
+mod object_list;
+mod seen_room;
+mod synthetic_room;

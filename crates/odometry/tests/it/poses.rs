@@ -1,0 +1,136 @@
+//! Poses that come with the frames, tracked ones, and both.
+
+use crate::scene;
+use crate::scene::{corner, error, path, render};
+use glam::DVec3;
+use splatseg_geometry::{Pose, SegmentMap};
+use splatseg_odometry::{CameraPose, GivenPoses, Odometry, PoseMode, PoseSource, PoseState, TrackedPoses};
+
+fn pose(source: &mut dyn PoseSource, number: usize, given: Option<Pose>) -> CameraPose {
+    source.pose(&render(&corner(), &path(number as f64)), given.as_ref()).unwrap()
+}
+
+#[test]
+fn frames_without_a_pose_are_tracked_from_the_last_given_one() {
+    let mut source = TrackedPoses::new(PoseMode::Auto);
+    let world = Pose::from_translation(DVec3::new(100.0, 200.0, 3.0));
+    for number in 0..30 {
+        let truth = world * path(number as f64);
+        let is_given = !(10..20).contains(&number);
+        let found = pose(&mut source, number, is_given.then_some(truth));
+        assert_eq!(found.state, if is_given { PoseState::Given } else { PoseState::Tracked });
+        assert!(error(&found.world_from_camera, &truth).0 < 0.004, "frame {number}");
+    }
+}
+
+#[test]
+fn without_any_pose_the_first_frame_is_the_origin() {
+    let mut source = TrackedPoses::new(PoseMode::Auto);
+    for number in 0..10 {
+        let found = pose(&mut source, number, None);
+        let truth = path(0.0).inverse() * path(number as f64);
+        assert_eq!(found.state, PoseState::Tracked);
+        assert!(error(&found.world_from_camera, &truth).0 < 0.003, "frame {number}");
+    }
+}
+
+#[test]
+fn given_poses_only_refuse_frames_without_one() {
+    let frame = render(&corner(), &path(0.0));
+    let sources: [Box<dyn PoseSource>; 2] = [Box::new(GivenPoses), Box::new(TrackedPoses::new(PoseMode::Given))];
+    for mut source in sources {
+        let given = source.pose(&frame, Some(&path(3.0))).unwrap();
+        assert_eq!(given, CameraPose::given(path(3.0)));
+        assert_eq!(source.pose(&frame, None).unwrap_err().to_string(), "frame frame has no pose");
+    }
+}
+
+#[test]
+fn drifting_poses_are_refined() {
+    // The odometry turns 0.3° and slides 3 mm too much with every frame.
+    let slip = Pose::from_quaternion(DVec3::new(0.003, 0.0, 0.0), glam::DQuat::from_rotation_y(0.005)).unwrap();
+    let mut source = TrackedPoses::new(PoseMode::Refine);
+    let mut odometry = path(0.0);
+    for number in 0..40 {
+        if number > 0 {
+            odometry = odometry * (path(number as f64 - 1.0).inverse() * path(number as f64)) * slip;
+        }
+        let found = pose(&mut source, number, Some(odometry));
+        let (metres, radians) = error(&found.world_from_camera, &path(number as f64));
+        assert!(metres < 0.006 && radians < 0.004, "frame {number}: {metres} m, {radians} rad");
+    }
+    assert!(error(&odometry, &path(39.0)).0 > 0.05);
+}
+
+#[test]
+fn where_tracking_fails_refined_poses_move_as_the_given_ones() {
+    let mut source = TrackedPoses::new(PoseMode::Refine);
+    for number in 0..30 {
+        let frame = match number {
+            10..20 => {
+                let frame = render(&corner(), &path(0.0));
+                let (color, depth) = (frame.color().map(|_| [0; 3]), frame.depth().map(|_| 0.0));
+                splatseg_geometry::CameraFrame::new("dark", color, depth, scene::CAMERA).unwrap()
+            }
+            _ => render(&corner(), &path(f64::from(number))),
+        };
+        let found = source.pose(&frame, Some(&path(f64::from(number)))).unwrap();
+        assert_ne!(found.state, PoseState::Lost, "frame {number}");
+        assert!(error(&found.world_from_camera, &path(f64::from(number))).0 < 0.01, "frame {number}");
+    }
+}
+
+/// Poses of frames 0 to 39; after frame `stop` the source is saved and restored.
+fn poses_with_stop(mode: PoseMode, stop: Option<usize>) -> Vec<CameraPose> {
+    let mut source = TrackedPoses::new(mode);
+    let mut poses = Vec::new();
+    for number in 0..40 {
+        let given = (mode == PoseMode::Refine || number < 15).then(|| path(number as f64 * 1.1));
+        poses.push(pose(&mut source, number, given));
+        source.set_segments(&SegmentMap::from_fn(160, 120, |column, row| 1 + (column / 40 + row / 40) as u32));
+        if stop == Some(number) {
+            let state = source.save().unwrap();
+            source = TrackedPoses::new(mode);
+            source.restore(&state).unwrap();
+        }
+    }
+    poses
+}
+
+#[test]
+fn a_restored_source_continues_with_the_same_poses() {
+    for mode in [PoseMode::Auto, PoseMode::Track, PoseMode::Refine] {
+        let expected = poses_with_stop(mode, None);
+        for stop in [0, 14, 20, 33] {
+            assert_eq!(poses_with_stop(mode, Some(stop)), expected, "{mode:?}, stopped after {stop}");
+        }
+    }
+}
+
+#[test]
+fn damaged_states_are_refused() {
+    let mut source = TrackedPoses::new(PoseMode::Track);
+    pose(&mut source, 0, None);
+    let state = String::from_utf8(source.save().unwrap()).unwrap();
+    let changes =
+        [("\"active\":0", "\"active\":1"), ("\"fx\":150.0", "\"fx\":-1.0"), ("\"width\":160", "\"width\":161")];
+    for (from, to) in changes {
+        assert!(state.contains(from), "{from}");
+        let error = source.restore(state.replace(from, to).as_bytes()).unwrap_err();
+        assert!(error.to_string().starts_with("the saved state of the camera's poses cannot be used: "), "{error}");
+    }
+    assert!(source.restore(b"{}").is_err() && GivenPoses.restore(state.as_bytes()).is_err());
+}
+
+#[test]
+fn poses_do_not_depend_on_the_number_of_threads() {
+    let poses = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            let mut odometry = Odometry::new();
+            let frames = (0..12).map(|number| render(&corner(), &path(f64::from(number))));
+            frames.map(|frame| odometry.track(&frame, &Pose::IDENTITY, None)).collect::<Vec<_>>()
+        })
+    };
+    assert_eq!(poses(1), poses(3));
+}

@@ -1,0 +1,190 @@
+//! `splatseg inspect`: its output and its errors.
+
+use crate::support::{Ended, FASTSAM_WEIGHTS, RECOGNISED_AS_EDGETAM, finish, splatseg, write_zeros};
+use serde_json::json;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn inspect(file: &Path, more: &[&str]) -> Ended {
+    finish(splatseg().arg("inspect").arg(file).args(more))
+}
+
+/// Writes a state dict with two tensors of 6 and 2 numbers. The second is a statistic.
+fn small_file(folder: &Path) -> PathBuf {
+    let header = json!({
+        "linear.weight": {"dtype": "F32", "shape": [2, 3], "data_offsets": [0, 24]},
+        "norm.running_mean": {"dtype": "F16", "shape": [2], "data_offsets": [24, 28]},
+    })
+    .to_string();
+    let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
+    bytes.extend(header.bytes().chain([0; 28]));
+    let path = folder.join("small.safetensors");
+    fs::write(&path, bytes).unwrap();
+    path
+}
+
+#[test]
+fn shows_the_contents_of_a_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = inspect(&small_file(folder.path()), &["--tensors"]);
+    assert_eq!((ended.code, ended.err.as_str()), (0, ""));
+    for line in [
+        "kind           safetensors, state dict",
+        "architecture   unknown",
+        "tensors        2 (1 float32, 1 float16)",
+        "parameters     6",
+        "missing        unknown: splatseg runs FastSAM, SAM 2.1, EdgeTAM and EfficientTAM only",
+        "  linear.weight float32 [2, 3]",
+    ] {
+        assert!(ended.out.lines().any(|found| found == line), "{line}\n{}", ended.out);
+    }
+}
+
+#[test]
+fn shows_the_contents_of_an_ultralytics_checkpoint() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/models/fastsam-rooms-n.pt");
+    if !path.exists() {
+        // Not `println!`, whose output the test runner hides when a test passes.
+        let line = "\nskipped: shows_the_contents_of_an_ultralytics_checkpoint: ../shared is not here\n";
+        let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let converted = folder.path().join("rooms.safetensors");
+    let ended = inspect(&path, &["--convert", converted.to_str().unwrap()]);
+    assert_eq!((ended.code, ended.err.as_str()), (0, ""));
+    let first = ended.out.lines().find(|line| line.starts_with("architecture")).unwrap();
+    assert_eq!(first, "architecture   FastSAM-n (YOLOv8n-seg with 1 class)");
+    assert!(ended.out.lines().any(|line| line == "missing        nothing"), "{}", ended.out);
+    let again = inspect(&converted, &[]);
+    // All lines except file, kind and the one about the conversion.
+    let facts = |ended: &Ended| ended.out.lines().skip(2).take(4).map(str::to_owned).collect::<Vec<_>>();
+    assert_eq!(facts(&again), facts(&ended));
+    assert!(again.out.contains("batch-norm eps 0.001"), "{}", again.out);
+}
+
+/// Creates a PyTorch archive with the zip crate's own writer: a state dict with one tensor of two floats, called `name`,
+/// and a call of `posix.system`, whose result is discarded.
+fn archive_that_calls(name: &str) -> Vec<u8> {
+    let text = |text: &str| [b"X", &(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
+    let mut pickle = b"\x80\x02cposix\nsystem\n(".to_vec();
+    pickle.extend(text("true"));
+    pickle.extend(b"tR0}");
+    pickle.extend(text(name));
+    pickle.extend(b"ctorch._utils\n_rebuild_tensor_v2\n((");
+    pickle.extend(text("storage"));
+    pickle.extend(b"ctorch\nFloatStorage\n");
+    pickle.extend([text("0"), text("cpu")].concat());
+    pickle.extend(b"K\x02tQK\x00K\x02\x85K\x01\x85\x89ccollections\nOrderedDict\n)RtRs.");
+    let mut writer = zip::ZipWriter::new(std::io::Cursor::new(Vec::new()));
+    let options = zip::write::SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored);
+    let numbers = [0.5f32, -7.25].map(f32::to_le_bytes).concat();
+    for (entry, bytes) in
+        [("small/data.pkl", &pickle), ("small/byteorder", &b"little".to_vec()), ("small/data/0", &numbers)]
+    {
+        writer.start_file(entry, options).unwrap();
+        std::io::Write::write_all(&mut writer, bytes).unwrap();
+    }
+    writer.finish().unwrap().into_inner()
+}
+
+#[test]
+fn unsafe_and_damaged_checkpoints_are_reported_and_fail() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("small.pt");
+    let mut bytes = archive_that_calls("weight");
+    fs::write(&path, &bytes).unwrap();
+    let ended = inspect(&path, &[]);
+    let call = "would call posix.system: never executed here, but do not load it elsewhere";
+    assert_eq!(ended.code, 2);
+    assert!(ended.out.contains(&format!("unsafe         {call}\n")), "{}", ended.out);
+    assert!(ended.err.contains(call) && ended.err.lines().count() == 1, "{}", ended.err);
+    assert!(!ended.out.contains("CRC"), "{}", ended.out);
+
+    let place = bytes.windows(4).position(|window| window == (-7.25f32).to_le_bytes()).unwrap();
+    bytes[place] ^= 1;
+    fs::write(&path, &bytes).unwrap();
+    let ended = inspect(&path, &[]);
+    assert_eq!(ended.code, 2);
+    assert!(ended.out.contains("damaged        CRC of small/data/0 is wrong\n"), "{}", ended.out);
+    assert!(ended.out.contains(call) && ended.err.contains("CRC of small/data/0 is wrong"), "{}", ended.err);
+}
+
+#[test]
+fn names_from_a_file_cannot_control_the_terminal() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("small.pt");
+    let name = format!("a\u{1b}[31m\nmissing        nothing\u{202e}b{}", "x".repeat(300));
+    fs::write(&path, archive_that_calls(&name)).unwrap();
+    let ended = inspect(&path, &["--tensors"]);
+    let line = ended.out.lines().find(|line| line.starts_with("  a")).unwrap();
+    assert!(line.starts_with(r"  a\u{1b}[31m\nmissing        nothing\u{202e}bxxx"), "{line}");
+    assert!(line.contains("…") && line.chars().count() < 130, "{line}");
+    assert!(!ended.out.contains('\u{1b}') && !ended.out.contains('\u{202e}'), "{}", ended.out);
+}
+
+#[test]
+fn never_overwrites() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = small_file(folder.path());
+    let out = folder.path().join("out.safetensors");
+    fs::write(&out, "precious").unwrap();
+    let ended = inspect(&file, &["--convert", out.to_str().unwrap()]);
+    assert_eq!(ended.code, 2);
+    assert!(ended.err.contains("out.safetensors: already exists"), "{}", ended.err);
+    assert_eq!(fs::read_to_string(&out).unwrap(), "precious");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+/// Trackers are recognised by some of their tensors; the others may be missing, and the file may be another network's.
+#[test]
+fn damaged_and_foreign_trackers_are_one_line_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    write_zeros(&path("incomplete.safetensors"), &RECOGNISED_AS_EDGETAM);
+    let stem = ("image_encoder.trunk.body.stem.conv1.c.weight", &[24, 3, 3, 3][..]);
+    write_zeros(&path("empty-stages.safetensors"), &[&RECOGNISED_AS_EDGETAM[..], &[stem]].concat());
+    let whole = fs::read(path("incomplete.safetensors")).unwrap();
+    fs::write(path("cut.safetensors"), &whole[..whole.len() / 2]).unwrap();
+    fs::copy(FASTSAM_WEIGHTS, path("fastsam.safetensors")).unwrap();
+    let scene = "synthetic:frames=1,width=64,height=48";
+    for (name, message) in [
+        ("incomplete.safetensors", "not a checkpoint of SAM 2.1, EdgeTAM or EfficientTAM"),
+        ("empty-stages.safetensors", "tensor `spatial_perceiver.latents_2d` is missing"),
+        ("cut.safetensors", ""),
+        ("fastsam.safetensors", "not a checkpoint of SAM 2.1, EdgeTAM or EfficientTAM"),
+    ] {
+        let mut run = splatseg();
+        run.args(["run", scene, "--method", "sam2-splat", "--segmenter", "oracle", "--tracker-weights"])
+            .arg(path(name));
+        let ended = finish(run.arg("--out").arg(path("out")));
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+        assert!(ended.err.contains(name) && ended.err.contains(message), "{}", ended.err);
+    }
+    let ended = inspect(&path("incomplete.safetensors"), &[]);
+    for line in ["architecture   EdgeTAM", "missing        unknown: the tensors from which"] {
+        assert!(ended.out.lines().any(|found| found.starts_with(line)), "{line}\n{}", ended.out);
+    }
+}
+
+#[test]
+fn bad_files_are_one_line_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let cases: [(&str, &[u8], &str); 4] = [
+        ("empty.pt", b"", "an empty file, expected a checkpoint"),
+        ("text.pt", b"hello world, no weights here", "a file that begins with \"hello world"),
+        ("memory.ply", b"ply\nformat binary_little_endian 1.0\n", "a PLY file, expected a checkpoint"),
+        ("cut.pt", b"PK\x03\x04 and then nothing", "the zip archive"),
+    ];
+    for (name, bytes, message) in cases {
+        let path = folder.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        let ended = inspect(&path, &[]);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+        assert!(ended.err.contains(name) && ended.err.contains(message), "{}", ended.err);
+        assert_eq!(ended.out, "");
+    }
+    let ended = inspect(&folder.path().join("absent.pt"), &[]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1));
+    assert!(ended.err.contains("absent.pt: cannot open"), "{}", ended.err);
+}

@@ -1,0 +1,146 @@
+//! `splatseg live --view`: the page, Foxglove, and who may connect.
+
+use crate::support::{finish, splatseg, stoppable_splatseg};
+use serde_json::{Value, json};
+use std::collections::BTreeSet;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+use tungstenite::client::IntoClientRequest;
+use tungstenite::{Message, WebSocket};
+
+/// The longest wait for something that should happen soon.
+const PATIENCE: Duration = Duration::from_secs(15);
+
+fn recording() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../dataset/tests/data/mcap/room.mcap")
+}
+
+/// A running `splatseg live --view` that plays slowly; killed when dropped.
+struct Live {
+    child: Child,
+    /// `127.0.0.1:PORT`.
+    address: String,
+    token: String,
+}
+
+impl Live {
+    fn start() -> Self {
+        let mut command = stoppable_splatseg();
+        command.arg("live").arg(recording()).args(["--view=127.0.0.1:0", "--speed", "0.02", "--threads", "2"]);
+        let mut child =
+            command.args(["--world-frame", "map"]).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+        let link = lines.find_map(|line| line.split_once("http://").map(|(_, link)| link.to_owned())).unwrap();
+        let (address, token) = link.split_once("/?token=").unwrap();
+        // Read to the end, so that the command can always write.
+        std::thread::spawn(move || lines.count());
+        Self { child, address: address.to_owned(), token: token.to_owned() }
+    }
+
+    /// The status line of the page's response.
+    fn get(&self, target: &str) -> String {
+        let mut tcp = TcpStream::connect(&self.address).unwrap();
+        let request = format!("GET {target} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\r\n", self.address);
+        tcp.write_all(request.as_bytes()).unwrap();
+        let mut response = String::new();
+        tcp.read_to_string(&mut response).unwrap();
+        response.lines().next().unwrap().to_owned()
+    }
+
+    fn socket(&self, path: &str, subprotocol: Option<&str>) -> WebSocket<TcpStream> {
+        let url = format!("ws://{}{path}?token={}", self.address, self.token);
+        let mut request = url.into_client_request().unwrap();
+        if let Some(subprotocol) = subprotocol {
+            request.headers_mut().insert("Sec-WebSocket-Protocol", subprotocol.parse().unwrap());
+        }
+        let tcp = TcpStream::connect(&self.address).unwrap();
+        tcp.set_read_timeout(Some(PATIENCE)).unwrap();
+        tungstenite::client::client(request, tcp).unwrap().0
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// The JSON of a message of the page: all of a text, or the start of binary data.
+fn header(message: &Message) -> Value {
+    match message {
+        Message::Text(text) => serde_json::from_str(text).unwrap(),
+        Message::Binary(bytes) => {
+            let length = u32::from_le_bytes(bytes[..4].try_into().unwrap()) as usize;
+            serde_json::from_slice(&bytes[4..4 + length]).unwrap()
+        }
+        _ => Value::Null,
+    }
+}
+
+#[test]
+fn the_page_shows_frames_the_map_and_objects() {
+    let live = Live::start();
+    assert!(live.get("/").contains(" 403 "), "without the token nothing is served: {}", live.get("/"));
+    assert!(live.get(&format!("/?token={}", live.token)).contains(" 200 "));
+    let mut socket = live.socket("/live", None);
+    let (started, mut missing) = (Instant::now(), BTreeSet::from(["frame", "map", "boxes"]));
+    while !missing.is_empty() {
+        assert!(started.elapsed() < PATIENCE, "missing: {missing:?}");
+        let message = header(&socket.read().unwrap());
+        let kind = message["kind"].as_str().unwrap_or_default();
+        missing.remove(kind);
+        if kind == "objects" && message["objects"].as_array().unwrap().iter().any(|object| object["box"].is_object()) {
+            missing.remove("boxes");
+        }
+        socket.send(Message::text("shown")).unwrap();
+    }
+}
+
+#[test]
+fn foxglove_gets_each_output() {
+    let live = Live::start();
+    let mut socket = live.socket("/", Some("foxglove.sdk.v1"));
+    let channels = loop {
+        let message = header(&socket.read().unwrap());
+        if message["op"] == "advertise" {
+            break message["channels"].clone();
+        }
+    };
+    let channels = channels.as_array().unwrap();
+    let topics: Vec<_> = channels.iter().map(|channel| channel["topic"].as_str().unwrap()).collect();
+    let splatseg =
+        ["objects", "markers", "ids", "overlay/compressed", "points"].map(|name| format!("/splatseg/{name}"));
+    assert_eq!(topics[..5], splatseg);
+    assert_eq!(topics[5..], ["/tf", "/diagnostics"]);
+    let subscriptions: Vec<_> =
+        channels.iter().map(|channel| json!({ "id": channel["id"], "channelId": channel["id"] })).collect();
+    let subscribe = json!({ "op": "subscribe", "subscriptions": subscriptions });
+    socket.send(Message::text(subscribe.to_string())).unwrap();
+    // All but the camera's pose, which came with the recording.
+    let mut missing: BTreeSet<u64> = channels
+        .iter()
+        .filter(|channel| channel["topic"] != "/tf")
+        .map(|channel| channel["id"].as_u64().unwrap())
+        .collect();
+    let started = Instant::now();
+    while !missing.is_empty() {
+        assert!(started.elapsed() < PATIENCE, "missing: {missing:?} of {topics:?}");
+        if let Message::Binary(bytes) = socket.read().unwrap() {
+            missing.remove(&u64::from(u32::from_le_bytes(bytes[1..5].try_into().unwrap())));
+        }
+    }
+}
+
+#[test]
+fn a_port_in_use_is_one_line() {
+    let live = Live::start();
+    let mut command = splatseg();
+    command.arg("live").arg(recording()).arg(format!("--view={}", live.address));
+    let ended = finish(&mut command);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert!(ended.err.contains(&live.address), "{}", ended.err);
+}

@@ -1,0 +1,38 @@
+//! The integration tests of this crate, in one program: it is linked once.
+
+mod batch;
+mod benchmark;
+#[path = "support/browser.rs"]
+mod browser;
+mod command;
+mod coordinates;
+mod devices;
+mod evaluation;
+mod export;
+mod find;
+mod input;
+mod inspect;
+mod late_failures;
+mod live;
+mod live_view;
+mod locate;
+mod map_changes;
+mod memory_helps;
+mod mesh;
+mod objects;
+mod output_folder;
+mod page_browser;
+mod page_large;
+mod paper;
+mod poses;
+mod recording;
+mod report_browser;
+mod resume;
+mod save_mcap;
+mod segmenter_fastsam;
+mod settings;
+#[path = "../../../../xtask/src/standins.rs"]
+mod standins;
+mod support;
+mod terminal;
+mod trajectory;
