@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """Writes the official EfficientTAM code's results with weights given by a formula, for
-`crates/models/tests/efficienttam.rs`.
+`crates/models/tests/it/efficienttam.rs`.
 
     pip install torch torchvision sam2 timm safetensors        # in a virtual environment
     git clone https://github.com/facebookresearch/EdgeTAM; git clone https://github.com/yformer/EfficientTAM

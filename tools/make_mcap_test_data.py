@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes small recordings of ROS 2 messages in MCAP files, for `crates/dataset/tests/mcap.rs` and others.
+"""Writes small recordings of ROS 2 messages in MCAP files, for `crates/dataset/tests/it/mcap.rs` and others.
 
     pip install mcap==1.6.0 mcap-ros2-support==0.6.0 rosbags==0.11.9 numpy pillow lz4        # in a virtual environment
     python tools/make_mcap_test_data.py crates/dataset/tests/data/mcap

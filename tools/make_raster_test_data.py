@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes gsplat's results for small scenes of Gaussians, for `crates/render/tests/golden.rs`.
+"""Writes gsplat's results for small scenes of Gaussians, for `crates/render/tests/it/golden.rs`.
 
     pip install torch gsplat==1.5.3 safetensors numpy        # in a virtual environment; needs no GPU
     python tools/make_raster_test_data.py crates/render/tests/data

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes the official SAM 2.1 code's results at another image size than its checkpoint's, for `tests/sam2.rs`.
+"""Writes the official SAM 2.1 code's results at another image size than its checkpoint's, for `tests/it/sam2.rs`.
 
     pip install torch torchvision sam2 safetensors pillow        # in a virtual environment
     python tools/make_sam2_size_test_data.py ../shared/golden/sam2 crates/models/tests/data/sam2_mini_224.safetensors

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """Writes the official SAM 2.1 code's results with weights given by a formula, for
-`crates/models/tests/sam2_formula.rs`.
+`crates/models/tests/it/sam2_formula.rs`.
 
     pip install torch torchvision sam2 safetensors        # in a virtual environment
     python tools/make_sam2_test_data.py crates/models/tests/data/sam2
 
 No checkpoint is needed: element i of the tensor called n is `offset + scale · u(n, i)`, where u is a hash of both in
-[-1, 1), and offset and scale depend on the last part of the name (`formula`; `tests/sam2_golden/mod.rs` is the same in
+[-1, 1), and offset and scale depend on the last part of the name (`formula`; `tests/it/sam2_golden/mod.rs` is the same in
 Rust). The model is a miniature with the structure and flags of Hiera-B+; the video is given by a formula, too.
 
     manifest_mini.json                          names and shapes of the miniature's parameters

@@ -4,11 +4,11 @@ INTRODUCTION = """# Tables of results
 
 `python tools/results --data ../shared/data` writes this page. Each table states the commit of the program, the date, the
 machine and the commands, which run in the folder with the data. [RESULTS.md](RESULTS.md) has the summary, and
-[ABLATIONS.md](ABLATIONS.md) the changes of single settings.
+[ABLATIONS.md](dev/ABLATIONS.md) the changes of single settings.
 
 `dev-a` and `dev-b` are rendered rooms of 80 frames. `kitchen-dev` is the first half, 50 frames, of a real Kinect video with
 labels, `redkitchen` is all of it, and `redkitchen_dense` has its first 300 frames at 30 Hz. `net` is a small FastSAM trained
-on other rendered rooms. The oracle returns the ground truth with errors ([ORACLE.md](ORACLE.md)). Scores are percentages.
+on other rendered rooms. The oracle returns the ground truth with errors ([ORACLE.md](dev/ORACLE.md)). Scores are percentages.
 Unlabelled ground is left out. Scores over several scenes sum tubes, tracks and pixels before dividing. Protocol `paper` is
 the authors' evaluation code, `strict` the metrics as VPQ and STEP define them.
 """
@@ -35,7 +35,7 @@ SECTIONS = [
     ),
     (
         "SAM2 and SAM2-Splat with a simulated tracker",
-        "The tracker follows the truth and errs at set rates ([SIM_TRACKER.md](SIM_TRACKER.md)). It answers clicks perfectly,"
+        "The tracker follows the truth and errs at set rates ([SIM_TRACKER.md](dev/SIM_TRACKER.md)). It answers clicks perfectly,"
         + " so gains are an upper bound. Mean and deviation over seeds.",
         ["sam2"],
     ),

@@ -368,7 +368,7 @@ TABLES = {
         "the commands of [docs/RESULTS_TABLES.md](docs/RESULTS_TABLES.md)",
     ),
     "crops": Table(RULE_RUNS, crops_table),
-    "rules": Table(RULE_RUNS, rules_table, False, "the commands of `crops` in [RESULTS_TABLES.md](RESULTS_TABLES.md)"),
+    "rules": Table(RULE_RUNS, rules_table, False, "the commands of `crops` in [RESULTS_TABLES.md](../RESULTS_TABLES.md)"),
     "whole": Table(["whole"], whole_table),
     "departures": Table([f"departures-{name}" for name in ("net", "oracle")], departures_table),
     "sam2-departures": Table(["sam2-departures"], changes_table("sam2-departures", SAM2_DEPARTURES, "sam2-splat")),

@@ -1,5 +1,5 @@
 //! Scores of the baseline without memory on the oracle's masks, for calibrating the preset `fastsam-like`
-//! (`docs/ORACLE.md`).
+//! (`docs/dev/ORACLE.md`).
 
 use anyhow::{Context, Result, bail};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, StreamedFrame, open_scene};

@@ -1,4 +1,4 @@
-//! The oracle segmenter: true segments with errors of known kinds and rates (`docs/ORACLE.md`).
+//! The oracle segmenter: true segments with errors of known kinds and rates (`docs/dev/ORACLE.md`).
 //!
 //! For each frame, objects that are never found or too small are left out ([`OracleErrorModel`]), neighbours are merged
 //! ([`merge`]), masks are split ([`split`]), some are missed, outlines are displaced and false positives are added

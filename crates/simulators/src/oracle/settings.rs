@@ -9,7 +9,7 @@ choices! {
         /// No errors: the true segments as they are.
         Perfect = "perfect",
         /// Errors with which a method without memory scores about the same as FastSAM in the paper's ScanNet-MV table.
-        /// `docs/ORACLE.md` describes the calibration.
+        /// `docs/dev/ORACLE.md` describes the calibration.
         FastsamLike = "fastsam-like",
     }
 }
@@ -109,7 +109,7 @@ const PERFECT: OracleErrorModel = OracleErrorModel {
     score_noise: 0.0,
 };
 
-/// Calibrated as described in `docs/ORACLE.md`.
+/// Calibrated as described in `docs/dev/ORACLE.md`.
 const FASTSAM_LIKE: OracleErrorModel = OracleErrorModel {
     persistent_miss_rate: 0.1,
     miss_rate: 0.03,

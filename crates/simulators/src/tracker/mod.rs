@@ -1,5 +1,5 @@
 //! A tracker that follows the ground truth with errors at given rates, for evaluating re-prompting without a network
-//! (`docs/SIM_TRACKER.md`).
+//! (`docs/dev/SIM_TRACKER.md`).
 //!
 //! A track follows true objects with their exact masks until one of the errors in [`faults`] occurs. It responds to
 //! prompts like a perfect promptable model ([`prompting`]).

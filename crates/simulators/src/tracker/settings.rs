@@ -4,7 +4,7 @@ use splatseg_settings::{Allowed, settings};
 
 settings! {
     /// The error model of [`SimTracker`](crate::SimTracker). Rates are probabilities. Lengths are pixels of the framed
-    /// image. `docs/SIM_TRACKER.md` explains the choice of the defaults.
+    /// image. `docs/dev/SIM_TRACKER.md` explains the choice of the defaults.
     #[derive(Copy)]
     pub struct SimTrackerSettings in "sim_tracker" {
         /// Probability that a track is lost when its object comes into view again after being hidden.

@@ -7,7 +7,7 @@ use std::path::Path;
 /// The text of each table, by name, in the documents that `tools/results` writes.
 fn tables() -> Vec<(String, String)> {
     let mut tables = Vec::new();
-    for document in ["README.md", "docs/RESULTS.md", "docs/ABLATIONS.md", "docs/RESULTS_TABLES.md"] {
+    for document in ["README.md", "docs/RESULTS.md", "docs/dev/ABLATIONS.md", "docs/RESULTS_TABLES.md"] {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(document);
         let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         for part in text.split("<!-- table ").skip(1) {

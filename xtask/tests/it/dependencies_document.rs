@@ -1,4 +1,4 @@
-//! `docs/DEPENDENCIES.md` lists exactly the direct dependencies.
+//! `docs/dev/DEPENDENCIES.md` lists exactly the direct dependencies.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -19,7 +19,7 @@ fn dependencies() -> BTreeSet<String> {
 
 /// The first cells of the document's first table.
 fn documented() -> BTreeSet<String> {
-    let document = read("docs/DEPENDENCIES.md");
+    let document = read("docs/dev/DEPENDENCIES.md");
     let section = document.split("\n## ").nth(1).unwrap();
     section.lines().filter_map(|line| line.strip_prefix("| `")?.split('`').next()).map(str::to_owned).collect()
 }
@@ -30,5 +30,8 @@ fn every_dependency_is_explained() {
     assert!(used.len() > 20, "only {used:?} found in Cargo.toml");
     let missing: Vec<_> = used.difference(&documented).collect();
     let gone: Vec<_> = documented.difference(&used).collect();
-    assert!(missing.is_empty() && gone.is_empty(), "docs/DEPENDENCIES.md lacks {missing:?} and has {gone:?} too many");
+    assert!(
+        missing.is_empty() && gone.is_empty(),
+        "docs/dev/DEPENDENCIES.md lacks {missing:?} and has {gone:?} too many"
+    );
 }
