@@ -11,7 +11,7 @@ use crate::depth_completion::{CompletedDepth, completed_depth};
 use crate::map::{NewGaussian, SurfaceKind};
 use crate::recall::Recall;
 use crate::settings::RELATIVE_TOLERANCE;
-use crate::{COVERED, GrowthRule, MemorySettings};
+use crate::{COVERED, MemoryRules, MemorySettings};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image, LocalPose, RgbdFrame, SegmentMap};
@@ -27,11 +27,11 @@ pub(crate) fn new_gaussians(
     recall: &Recall<'_>,
     predicted: &SegmentMap,
     surfaces: &[SurfaceKind],
-    settings: &MemorySettings,
+    (settings, rules): (&MemorySettings, &MemoryRules),
 ) -> Vec<NewGaussian> {
-    match settings.growth_rule() {
-        GrowthRule::Paper => grow_per_pixel(recall, settings),
-        _ => grow_missing(recall, predicted, surfaces, settings),
+    match rules.is_papers_map() {
+        true => grow_per_pixel(recall, settings),
+        false => grow_missing(recall, predicted, surfaces, settings),
     }
 }
 

@@ -7,9 +7,9 @@ use crate::segment_store::SegmentStore;
 use crate::segments::{SavedSegment, Segments};
 use crate::short_term::{ShortTermMemory, restored_runs, runs};
 use crate::shown_together::ShownTogether;
-use crate::splat_memory::largest_id;
 use crate::{
-    MemoryError, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView, SplatMemory, SurfaceKind,
+    MemoryError, MemoryKind, MemoryRules, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView,
+    SplatMemory, SurfaceKind,
 };
 use splatseg_geometry::SegmentId;
 use std::path::Path;
@@ -129,8 +129,12 @@ impl SplatMemory {
         let live = ids.into_iter().zip(sightings).zip(carried);
         let live: Vec<SavedSegment> =
             live.map(|((id, sightings), carried)| SavedSegment { id, sightings, carried }).collect();
+        let largest_id = match settings.kind {
+            MemoryKind::Evidence => MemoryRules::default().largest_id,
+            MemoryKind::Features => FeatureStore::rules_of(&settings).largest_id,
+        };
         let restored = ShortTermMemory::from_bytes(&short_term).and_then(|saved| {
-            let segments = Segments::restored(&live, saved.ids.clone(), largest_id(&settings))?;
+            let segments = Segments::restored(&live, saved.ids.clone(), largest_id)?;
             let recent = RecentFrames::restored(saved.recent, segments.highest())?;
             map.anchors = restored_runs("keyframes", &saved.anchors, map.len(), 0)?;
             map.surfaces = restored_runs("surfaces", &saved.surfaces, map.len(), SurfaceKind::Observed)?;

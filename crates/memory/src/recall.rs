@@ -1,7 +1,7 @@
 //! The memory as seen by one frame's camera.
 
 use crate::removal::{FrameTrust, Sight, VisibleBalls, sights};
-use crate::{GrowthRule, MemoryKind, MemorySettings, SegmentBelief, SplatMemory};
+use crate::{MemoryRules, MemorySettings, SegmentBelief, SplatMemory};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image, LocalPose, Pose, RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, TileWeights, View};
@@ -26,7 +26,7 @@ pub struct Recall<'f> {
     pub(crate) contradicts_map: bool,
     /// True if the ids of the previous frame are expected where the map shows none.
     pub(crate) links_previous: bool,
-    /// How the frame sees every Gaussian; empty for the paper's memory, which does not need it.
+    /// How the frame sees every Gaussian; empty where no rule needs it.
     pub(crate) sights: Vec<Sight>,
     pub(crate) belief: SegmentBelief,
     /// Rendered silhouette (accumulated alpha) in [0, 1], `[height, width]`.
@@ -76,15 +76,15 @@ impl<'f> Recall<'f> {
         frame: &'f RgbdFrame,
         camera: &Camera,
         trust: FrameTrust,
-        settings: &MemorySettings,
+        (settings, rules): (&MemorySettings, &MemoryRules),
     ) -> Self {
-        let is_paper = settings.growth_rule() == GrowthRule::Paper;
-        let needs_sights = !is_paper || settings.kind == MemoryKind::Evidence;
+        let is_papers_map = rules.is_papers_map();
+        let needs_sights = !is_papers_map || rules.compares_frames;
         let (sights, contradicts_map) = match needs_sights {
             true => sights(map, frame, camera, trust, settings),
             false => (Vec::new(), false),
         };
-        let forgets = !is_paper && settings.removal_frames > 0;
+        let forgets = !is_papers_map && settings.removal_frames > 0;
         let visible = VisibleBalls::new(map, if forgets { &sights } else { &[] });
         let (view, tiles) = View::read(&visible, camera, |tile| {
             let surface = TileSurface::read(tile, frame.depth(), settings);
@@ -199,9 +199,9 @@ impl SplatMemory {
         let trust = self.recent.trust(frame, &pose, &self.settings);
         let camera = self.camera(frame, &pose);
         let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
-        let mut recall = Recall::new(&self.map.balls, read_tile, frame, &camera, trust, &self.settings);
+        let mut recall = Recall::new(&self.map.balls, read_tile, frame, &camera, trust, (&self.settings, &self.rules));
         (recall.map_from_camera, recall.viewed_from, recall.jump) = (map_from_camera, pose, jump);
-        if self.settings.kind == MemoryKind::Evidence {
+        if self.rules.expects_previous_ids {
             self.recent.expect(&mut recall, &self.settings);
         }
         recall
@@ -209,11 +209,7 @@ impl SplatMemory {
 
     /// Camera of a frame at `pose`, with the blending limits of the kind of memory.
     fn camera(&self, frame: &RgbdFrame<'_>, pose: &LocalPose) -> Camera {
-        let mut camera = Camera::new(*frame.intrinsics(), pose);
-        if self.settings.kind == MemoryKind::Evidence {
-            camera.limits = crate::evidence::limits(camera.limits);
-        }
-        camera
+        Camera { limits: self.rules.limits, ..Camera::new(*frame.intrinsics(), pose) }
     }
 }
 

@@ -1,9 +1,9 @@
-//! Storage of segments in the Gaussians: the only part in which the kinds of memory differ.
+//! Storage of segments in the Gaussians, and the rules that come with it: all in which the kinds of memory differ.
 
 use crate::map::NewGaussian;
 use crate::ply::SplatContentView;
 use crate::recall::{Recall, StoreTile, TileSurface};
-use crate::{MemoryError, SegmentHold};
+use crate::{MemoryError, MemoryRules, SegmentHold};
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{Splats, TileWeights};
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,6 +27,11 @@ pub struct LearningExtent {
 /// Implement this trait for a kind of memory of your own, and create the memory with
 /// [`SplatMemory::with_store`](crate::SplatMemory::with_store).
 pub trait SegmentStore: std::fmt::Debug + Send + Sync {
+    /// Returns what this kind of memory asks of the map and of the methods; called once.
+    fn rules(&self) -> MemoryRules {
+        MemoryRules::default()
+    }
+
     /// Reads the expected segments of a tile (docs/PAPER.md, "FastSAM-Splat").
     fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile;
 

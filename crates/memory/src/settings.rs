@@ -104,15 +104,6 @@ settings! {
 }
 
 impl MemorySettings {
-    /// The growth rule in force: `growth` with [`GrowthRule::Auto`] resolved.
-    pub fn growth_rule(&self) -> GrowthRule {
-        match (self.growth, self.kind) {
-            (GrowthRule::Auto, MemoryKind::Evidence) => GrowthRule::Missing,
-            (GrowthRule::Auto, MemoryKind::Features) => GrowthRule::Paper,
-            (rule, _) => rule,
-        }
-    }
-
     /// Maximum difference of the depths of one surface at this distance; both in metres.
     pub(crate) fn tolerance_at(&self, distance: f32) -> f32 {
         self.depth_tolerance.max(RELATIVE_TOLERANCE * distance)
@@ -140,16 +131,5 @@ mod tests {
         assert!(MemorySettings::default().with(|memory| memory.learning_rate = f32::NAN).validate().is_err());
         assert!(MemorySettings::default().with(|memory| memory.growth_spacing = 3).validate().is_err());
         assert!(MemorySettings::default().with(|memory| memory.max_votes = 0.0).validate().is_err());
-    }
-
-    #[test]
-    fn each_kind_grows_by_its_own_rule() {
-        let rule = |kind, growth| {
-            MemorySettings::default().with(|memory| (memory.kind, memory.growth) = (kind, growth)).growth_rule()
-        };
-        assert_eq!(rule(MemoryKind::Evidence, GrowthRule::Auto), GrowthRule::Missing);
-        assert_eq!(rule(MemoryKind::Features, GrowthRule::Auto), GrowthRule::Paper);
-        assert_eq!(rule(MemoryKind::Features, GrowthRule::Missing), GrowthRule::Missing);
-        assert_eq!(rule(MemoryKind::Evidence, GrowthRule::Paper), GrowthRule::Paper);
     }
 }

@@ -9,14 +9,14 @@ use crate::removal::{FrameTrust, Sight, longest_unseen, record_sights, sights};
 use crate::segment_store::SegmentStore;
 use crate::segments::{Segments, Settled};
 use crate::shown_together::ShownTogether;
-use crate::{Codebook, GrowthRule, LearningExtent, MAX_SEGMENT_ID, MemoryError, MemoryKind, MemorySettings, Recall};
+use crate::{LearningExtent, MemoryError, MemoryKind, MemoryRules, MemorySettings, Recall};
 use glam::DVec3;
 use rayon::prelude::*;
 use splatseg_geometry::{FrameAnchor, KeyframeId, RemappedId, STAGE_TARGET, SegmentId, SegmentMap};
 use splatseg_render::Balls;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Frames between two counts of the ids that Gaussians show, unless some were removed: features take long to decode.
+/// Frames between two counts of the ids that Gaussians show, where they are not counted after every frame.
 const FRAMES_PER_CENSUS: u32 = 16;
 
 /// An online 3D Gaussian splat whose Gaussians remember segments.
@@ -33,6 +33,8 @@ pub struct SplatMemory {
     pub(crate) map: SplatMap,
     /// Segments that the Gaussians remember.
     pub(crate) store: Box<dyn SegmentStore>,
+    /// The rules of the store, with the growth rule of the settings.
+    pub(crate) rules: MemoryRules,
     pub(crate) segments: Segments,
     /// The last frames. They decide between a frame and the map when the two contradict each other.
     pub(crate) recent: RecentFrames,
@@ -81,18 +83,18 @@ impl SplatMemory {
             MemoryKind::Evidence => Box::new(EvidenceStore::new(settings.clone())),
             MemoryKind::Features => Box::new(FeatureStore::new(settings.clone(), seed, progress)?),
         };
-        let segments = Segments::new(largest_id(&settings));
+        let segments = Segments::new(store.rules().largest_id);
         Ok(Self::with_parts(settings, SplatMap::default(), store, segments))
     }
 
     /// Creates an empty memory whose Gaussians remember segments in your own `store`; `memory.kind` is ignored. The
-    /// memory can be saved only if the store has a [`SegmentStore::content`].
+    /// memory behaves as [`SegmentStore::rules`] says, and can be saved only if the store has a [`SegmentStore::content`].
     ///
     /// # Errors
     /// If a setting is out of range.
     pub fn with_store(settings: MemorySettings, store: Box<dyn SegmentStore>) -> Result<Self, MemoryError> {
         settings.validate()?;
-        let segments = Segments::new(MAX_SEGMENT_ID);
+        let segments = Segments::new(store.rules().largest_id);
         Ok(Self::with_parts(settings, SplatMap::default(), store, segments))
     }
 
@@ -103,6 +105,7 @@ impl SplatMemory {
         segments: Segments,
     ) -> Self {
         Self {
+            rules: store.rules().with_settings(&settings),
             settings,
             origin: DVec3::ZERO,
             map,
@@ -170,7 +173,7 @@ impl SplatMemory {
         }
         self.follow(&mut recall);
         let stage = tracing::debug_span!(target: STAGE_TARGET, "grow").entered();
-        let added = new_gaussians(&recall, predicted, &self.map.surfaces, &self.settings);
+        let added = new_gaussians(&recall, predicted, &self.map.surfaces, (&self.settings, &self.rules));
         self.map.add(&added, self.frames, self.anchor.keyframe);
         self.store.grow(&added, &recall, predicted, contradicted);
         update.grown = added.len();
@@ -223,7 +226,7 @@ impl SplatMemory {
     /// the number removed.
     fn remove_gone(&mut self, recall: &Recall<'_>) -> usize {
         let before = self.map.len();
-        if self.settings.growth_rule() == GrowthRule::Paper {
+        if self.rules.is_papers_map() {
             // Only Gaussians beyond the limit are removed, those out of view for longest first.
             for splat in recall.view.projected() {
                 self.map.last_seen[splat.gaussian as usize] = self.frames;
@@ -278,9 +281,9 @@ impl SplatMemory {
         if let Some(holds) = &holds {
             self.segments.set_holds(holds);
         }
-        let is_due = self.settings.kind == MemoryKind::Evidence || self.frames.is_multiple_of(FRAMES_PER_CENSUS);
+        let is_due = self.rules.counts_ids_per_frame || self.frames.is_multiple_of(FRAMES_PER_CENSUS);
         // Under any rule, ids must be released once they are to be reused.
-        let is_needed = self.settings.growth_rule() != GrowthRule::Paper || self.segments.are_short_ids_given();
+        let is_needed = !self.rules.is_papers_map() || self.segments.are_short_ids_given();
         let may_have_changed = has_removed || (is_due && is_needed);
         if !may_have_changed {
             return Settled::default();
@@ -296,7 +299,7 @@ impl SplatMemory {
 
     /// True if the map follows when the poses jump. The paper's does not, and tracked poses only jump with a correction.
     pub(crate) fn follows_jumps(&self) -> bool {
-        self.settings.growth_rule() != GrowthRule::Paper && self.gaussian_count() > 0 && !self.anchor.is_tracked
+        !self.rules.is_papers_map() && self.gaussian_count() > 0 && !self.anchor.is_tracked
     }
 
     fn check_predictions(&self, recall: &Recall<'_>, predicted: &SegmentMap) -> Result<(), MemoryError> {
@@ -319,6 +322,11 @@ impl SplatMemory {
     /// Settings of the memory.
     pub fn settings(&self) -> &MemorySettings {
         &self.settings
+    }
+
+    /// The rules of this kind of memory, with the growth rule in force.
+    pub fn rules(&self) -> &MemoryRules {
+        &self.rules
     }
 
     /// Number of Gaussians.
@@ -386,17 +394,6 @@ impl SplatMemory {
     /// maximum; 1 in a memory that does not count.
     pub fn segment_votes(&self) -> Vec<f32> {
         self.store.segment_votes().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
-    }
-}
-
-/// Largest id of a memory with these settings: features need a code for each id.
-pub(crate) fn largest_id(settings: &MemorySettings) -> SegmentId {
-    match settings.kind {
-        MemoryKind::Evidence => MAX_SEGMENT_ID,
-        MemoryKind::Features => {
-            let codes = Codebook::max_len(settings.feature_dim) / settings.num_codes.max(1) * settings.num_codes;
-            codes.min(MAX_SEGMENT_ID as usize) as SegmentId
-        }
     }
 }
 

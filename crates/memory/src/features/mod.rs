@@ -19,12 +19,12 @@ use crate::map::NewGaussian;
 use crate::ply::SplatContentView;
 use crate::recall::{Recall, StoreTile, TileSurface};
 use crate::segment_store::{LearningExtent, SegmentStore};
-use crate::{MemoryError, MemorySettings, SegmentBelief};
+use crate::{GrowthRule, MAX_SEGMENT_ID, MemoryError, MemoryRules, MemorySettings, SegmentBelief};
 use codebook::CodebookCache;
 use decoding::Decoder;
 use learning::Learning;
 use splatseg_geometry::{SegmentId, SegmentMap};
-use splatseg_render::{Splats, TileWeights, View};
+use splatseg_render::{RasterLimits, Splats, TileWeights, View};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A Gaussian added in this frame prevails where it has at least this alpha in front of the earlier surface: there, the
@@ -55,6 +55,20 @@ impl FeatureStore {
     /// Restores the store of an earlier run.
     pub fn restored(settings: MemorySettings, codes: SegmentCodes, features: Vec<f32>) -> Self {
         Self { settings, codes, features }
+    }
+
+    /// The paper's rules. Every id needs a code.
+    pub fn rules_of(settings: &MemorySettings) -> MemoryRules {
+        let codes = Codebook::max_len(settings.feature_dim) / settings.num_codes.max(1) * settings.num_codes;
+        MemoryRules {
+            growth: GrowthRule::Paper,
+            limits: RasterLimits::default(),
+            compares_frames: false,
+            expects_previous_ids: false,
+            counts_ids_per_frame: false,
+            judges_predictions: false,
+            largest_id: codes.min(MAX_SEGMENT_ID as usize) as SegmentId,
+        }
     }
 
     fn decoder(&self) -> Decoder<'_> {
@@ -105,6 +119,10 @@ fn covered_segments(expected: &SegmentMap, predicted: &SegmentMap, limit: f64) -
 }
 
 impl SegmentStore for FeatureStore {
+    fn rules(&self) -> MemoryRules {
+        Self::rules_of(&self.settings)
+    }
+
     fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile {
         let mut rendered = vec![0.0; TileWeights::PIXELS * self.codes.codebook().feature_dim()];
         tile.accumulate(&self.features, self.codes.codebook().feature_dim(), &mut rendered);

@@ -51,7 +51,7 @@ impl Patch {
 /// The patches of every object with Gaussians that have a place, in the order of the map.
 pub(super) fn patches_by_object(memory: &SplatMemory) -> BTreeMap<SegmentId, Vec<Patch>> {
     let settings = memory.settings();
-    let (sides_per_radius, covering_alpha) = match settings.growth_rule() {
+    let (sides_per_radius, covering_alpha) = match memory.rules().growth {
         GrowthRule::Paper => (1.0, settings.growth_silhouette),
         _ => (1.0 / RADIUS_PER_SPACING, COVERED),
     };

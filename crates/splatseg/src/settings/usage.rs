@@ -65,7 +65,7 @@ impl<'a> Usage<'a> {
             Value::String(text) => text.clone(),
             value => value.to_string(),
         });
-        // Like `MemorySettings::growth_rule`: `auto` selects the rule by the memory's kind.
+        // As in `MemoryRules::growth`: `auto` selects the rule by the memory's kind.
         if key == "memory.growth" && value == "auto" {
             let is_features = self.chosen("memory.kind").is_some_and(|kind| kind == "features");
             return Some(if is_features { "paper" } else { "missing" }.to_owned());

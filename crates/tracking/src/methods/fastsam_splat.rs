@@ -7,7 +7,7 @@ use crate::{TrackErrorCounts, TrackingError};
 use splatseg_geometry::{
     FrameAnchor, MapCorrection, Mask, RemappedId, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap,
 };
-use splatseg_memory::{FrameUpdate, MemoryKind, MemorySettings, Recall, SplatMemory};
+use splatseg_memory::{FrameUpdate, MemorySettings, Recall, SplatMemory};
 use splatseg_settings::{Allowed, settings};
 use std::collections::BTreeSet;
 
@@ -59,7 +59,7 @@ struct Identified {
 }
 
 impl FastSamSplat {
-    /// Creates the method with an empty memory. `seed` and `progress` are for the codebook of [`MemoryKind::Features`];
+    /// Creates the method with an empty memory. `seed` and `progress` are for the codebook of `memory.kind = features`;
     /// `progress` receives the fraction done.
     ///
     /// # Errors
@@ -79,7 +79,7 @@ impl FastSamSplat {
     /// If a setting is out of range.
     pub fn with_memory(mut settings: FastSamSplatSettings, memory: SplatMemory) -> Result<Self, TrackingError> {
         settings.validate()?;
-        if memory.settings().kind == MemoryKind::Features {
+        if !memory.rules().judges_predictions {
             (settings.min_match_f_score, settings.min_visible_fraction, settings.min_new_fraction) = (0.0, 0.0, 0.0);
         }
         Ok(Self { memory, settings })

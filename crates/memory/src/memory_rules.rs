@@ -1,0 +1,76 @@
+//! What a kind of memory asks of the map and of the methods.
+
+use crate::{GrowthRule, MAX_SEGMENT_ID, MemorySettings};
+use splatseg_geometry::SegmentId;
+use splatseg_render::RasterLimits;
+
+/// The rules in which kinds of memory differ, apart from how they store segments; see
+/// [`SegmentStore::rules`](crate::SegmentStore::rules). `docs/METHOD.md` has them in a table. The default is that of
+/// votes (`memory.kind = evidence`).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MemoryRules {
+    /// How the map grows where `memory.growth` is `auto`. With [`GrowthRule::Paper`], Gaussians are removed only beyond
+    /// `memory.max_gaussians`, and the map does not follow poses that jump.
+    pub growth: GrowthRule,
+    /// Limits of the rasterisation that reads segments from the map.
+    pub limits: RasterLimits,
+    /// True if every frame is compared with the map before it is learnt. A frame that sees through most of the map
+    /// removes nothing.
+    pub compares_frames: bool,
+    /// True if a frame that contradicts most of the map expects the ids of the previous frame where the map shows none.
+    pub expects_previous_ids: bool,
+    /// True if the ids that Gaussians hold are counted after every frame; otherwise after every sixteenth, as that takes
+    /// long.
+    pub counts_ids_per_frame: bool,
+    /// True if methods ignore and contradict predictions by `min_match_f_score`, `min_visible_fraction` and
+    /// `min_new_fraction`, which the paper does not.
+    pub judges_predictions: bool,
+    /// Largest id that can be remembered.
+    pub largest_id: SegmentId,
+}
+
+impl Default for MemoryRules {
+    fn default() -> Self {
+        Self {
+            growth: GrowthRule::Missing,
+            limits: crate::evidence::limits(RasterLimits::default()),
+            compares_frames: true,
+            expects_previous_ids: true,
+            counts_ids_per_frame: true,
+            judges_predictions: true,
+            largest_id: MAX_SEGMENT_ID,
+        }
+    }
+}
+
+impl MemoryRules {
+    /// The rules with the growth rule of the settings, unless that is [`GrowthRule::Auto`].
+    pub(crate) fn with_settings(self, settings: &MemorySettings) -> Self {
+        match settings.growth {
+            GrowthRule::Auto => self,
+            growth => Self { growth, ..self },
+        }
+    }
+
+    /// True if the map follows the paper's rules for growing and removing.
+    pub(crate) fn is_papers_map(&self) -> bool {
+        self.growth == GrowthRule::Paper
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::features::FeatureStore;
+
+    #[test]
+    fn each_kind_grows_by_its_own_rule_unless_the_settings_choose() {
+        let settings = |growth| MemorySettings::default().with(|memory| memory.growth = growth);
+        let votes = |growth| MemoryRules::default().with_settings(&settings(growth)).growth;
+        let features = |growth| FeatureStore::rules_of(&settings(growth)).with_settings(&settings(growth)).growth;
+        assert_eq!(votes(GrowthRule::Auto), GrowthRule::Missing);
+        assert_eq!(features(GrowthRule::Auto), GrowthRule::Paper);
+        assert_eq!(features(GrowthRule::Missing), GrowthRule::Missing);
+        assert_eq!(votes(GrowthRule::Paper), GrowthRule::Paper);
+    }
+}
