@@ -2,8 +2,8 @@
 """Compares camera trackers on the same frames in one run: Open3D, OpenCV, small_gicp and splatseg.
 
     pip install evo==1.38.1 open3d==0.20.0 opencv-python-headless==5.0.0.93 small_gicp==1.0.1    # Open3D needs libusb
-    cargo build --release
-    python tools/compare_odometry.py ../shared/data/redkitchen_dense --splatseg target/release/splatseg --out odometry
+    cargo build --profile dist
+    python tools/compare_odometry.py ../shared/data/redkitchen_dense --splatseg target/dist/splatseg --out odometry
 
 SCENE is a 7-Scenes folder with registered depth and camera-intrinsics.txt. Its pose files are the truth. Prints one
 Markdown table and writes the trajectories to OUT/<size>/<tracker>.txt (TUM's format; a stamp is the frame's number / 30).

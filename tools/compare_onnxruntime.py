@@ -2,9 +2,9 @@
 """Compares times and peak memory of a network with ONNX Runtime, at the same image size, in one run.
 
 Needs `pip install ultralytics onnx onnxscript onnxruntime` and our runner:
-    cargo build --release --package xtask
-    python tools/compare_onnxruntime.py --xtask target/release/xtask                    # FastSAM
-    python tools/compare_onnxruntime.py --xtask target/release/xtask --model affinity   # the learned segmenter's, 320x240
+    cargo build --profile dist --package xtask
+    python tools/compare_onnxruntime.py --xtask target/dist/xtask                    # FastSAM
+    python tools/compare_onnxruntime.py --xtask target/dist/xtask --model affinity   # the learned segmenter's, 320x240
 
 The weights are random, because a network's speed does not depend on them. The first run writes them to --folder as an
 Ultralytics checkpoint and as ONNX. Each round starts a fresh process of each implementation, one after the other, so
@@ -118,7 +118,7 @@ def child(command: list, environment: dict | None = None) -> dict:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--xtask", type=Path, default=Path("target/release/xtask"))
+    parser.add_argument("--xtask", type=Path, default=Path("target/dist/xtask"))
     parser.add_argument("--folder", type=Path, default=Path("target/compare"), help="where the weights are kept")
     parser.add_argument("--model", default="yolov8x-seg", help="yolov8{n,s,m,l,x}-seg or affinity")
     parser.add_argument("--size", type=int, default=640, help="height and width of the image")

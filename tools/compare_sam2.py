@@ -3,7 +3,7 @@
 on the same machine.
 
     pip install torch torchvision sam2        # in a virtual environment
-    cargo build --release --package xtask
+    cargo build --profile dist --package xtask
     python tools/compare_sam2.py crates/models/tests/data/sam2 --size base_plus --objects 1 5 20
     PYTHONPATH=EdgeTAM python tools/compare_sam2.py crates/models/tests/data/edgetam --size edgetam --image-size 512
 
@@ -152,7 +152,7 @@ def main():
     parser.add_argument("--objects", type=int, nargs="+", default=[1, 5, 20])
     parser.add_argument("--frames", type=int, default=9)
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--xtask", default="target/release/xtask")
+    parser.add_argument("--xtask", default="target/dist/xtask")
     parser.add_argument("--device", default="cpu", help="device of the official code, e.g. cuda")
     parser.add_argument("--splatseg-device", default="cpu", help="cpu, gpu, cuda, vulkan or metal")
     parser.add_argument("--compile", action="store_true", help="compile the official code")

@@ -42,18 +42,18 @@ if command -v nvidia-smi >/dev/null; then
 fi
 
 step "build"
-cargo build --release --locked --package splatseg-cli --package xtask --features "$(features splatseg-cli)$(features xtask)"
-target/release/splatseg devices | tee "$out/devices.txt"
+cargo build --profile dist --locked --package splatseg-cli --package xtask --features "$(features splatseg-cli)$(features xtask)"
+target/dist/splatseg devices | tee "$out/devices.txt"
 
 step "tests on the device"
-SPLATSEG_TEST_DEVICE=$device cargo test --release --locked --package splatseg-models \
+SPLATSEG_TEST_DEVICE=$device cargo test --profile dist --locked --package splatseg-models \
     --features "$(features splatseg-models)" --lib --test sam2 --test fastsam 2>&1 |
     tee "$out/tests.log" | grep -a "^test result\|skipped\|FAILED"
 
 step "FastSAM, $model at $size px"
 "$python" tools/time_fastsam_pytorch.py "$out/$model.pt" --model "$model" --size "$size" --passes "$passes" \
     --device "$torch_device" | tee "$out/fastsam_pytorch.json"
-target/release/xtask fastsam-speed "$out/$model.pt" "$size" "$passes" --device "$device" | tee "$out/fastsam.json"
+target/dist/xtask fastsam-speed "$out/$model.pt" "$size" "$passes" --device "$device" | tee "$out/fastsam.json"
 
 step "SAM 2.1 $sam2 at $size px"
 for compile in "" --compile; do
@@ -68,9 +68,9 @@ if [ -n "$weights" ]; then
     step "videos"
     options=(--resize 320x240 --crop-border 5 --max-frames "$frames" --segmenter fastsam --weights "$weights"
         --set "fastsam.image_size=$size" --device "$device" --overwrite)
-    target/release/splatseg bench --scenes "$data/rooms/dev-a" --methods fastsam-splat "${options[@]}" \
+    target/dist/splatseg bench --scenes "$data/rooms/dev-a" --methods fastsam-splat "${options[@]}" \
         --out "$out/bench_dev-a" 2>&1 | tee "$out/bench_dev-a.log" | grep "frames per second"
-    target/release/splatseg run "$data/redkitchen" "${options[@]}" \
+    target/dist/splatseg run "$data/redkitchen" "${options[@]}" \
         --out "$out/run_redkitchen" 2>&1 | tee "$out/run_redkitchen.log" | grep "frames per second"
 fi
 step "done: $out"

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Memory and time of SAM 2.1 with hundreds of objects in one video: the synthetic room, prompted with ground truth.
 
-    cargo build --release
+    cargo build --profile dist --features networks
     python tools/measure_many_objects.py --weights ../shared/golden/sam2/sam2_mini.pt
 
 Runs `splatseg run` once for each method and value of `sam2.max_absent_frames`, the first of which (0) never deactivates
@@ -67,7 +67,7 @@ def row(method, settings, summary, counts):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--splatseg", default="target/release/splatseg", help="the program")
+    parser.add_argument("--splatseg", default="target/dist/splatseg", help="the program")
     parser.add_argument("--weights", required=True, help="checkpoint of SAM 2.1")
     parser.add_argument("--objects", type=int, default=300)
     parser.add_argument("--frames", type=int, default=60)

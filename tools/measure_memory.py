@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Measures peak memory on small files that claim large contents, and on ordinary frames of several sizes.
 
-    cargo build --release
-    tools/measure_memory.py --splatseg target/release/splatseg
+    cargo build --profile dist
+    tools/measure_memory.py --splatseg target/dist/splatseg
 
 Makes the files in a temporary folder, runs `splatseg run` on each, and prints one line per input: size of the files,
 peak memory, seconds, exit code and the last line of the program's output. Needs only Python's standard library and
@@ -150,7 +150,7 @@ def cases(folder):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--splatseg", default="target/release/splatseg", help="the program")
+    parser.add_argument("--splatseg", default="target/dist/splatseg", help="the program")
     arguments = parser.parse_args()
     # Protects the machine: exceeding this is a bug of the program.
     resource.setrlimit(resource.RLIMIT_AS, (16 << 30, 16 << 30))

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Compares a long run that is stopped or killed at random and resumed with an uninterrupted one.
 
-    cargo build --release
-    tools/soak.py --splatseg target/release/splatseg
+    cargo build --profile dist
+    tools/soak.py --splatseg target/dist/splatseg
 
 Both process a synthetic tour with Kinect noise. The second is stopped repeatedly by a random signal and resumed with
 `--resume`. Checks that
@@ -96,7 +96,7 @@ def growth(whole):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--splatseg", default="target/release/splatseg", help="the program")
+    parser.add_argument("--splatseg", default="target/dist/splatseg", help="the program")
     parser.add_argument("--frames", type=int, default=20_000)
     parser.add_argument("--save-every", type=int, default=200, help="frames between two saved states")
     parser.add_argument("--mean-seconds", type=float, default=20.0, help="between two signals")

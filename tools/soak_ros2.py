@@ -2,6 +2,7 @@
 """Runs `splatseg ros2` for a long time with the camera of ros2_peers.py, and tells how its memory grows; or kills it again
 and again while it saves, and checks what it leaves. Use the virtual environment of ros2_peers.py that has Cyclone DDS.
 
+    cargo build --profile dist --features ros2
     tools/soak_ros2.py SCENE --minutes 20 --rate 5
     tools/soak_ros2.py SCENE --kills 20 --width 160 --rate 10
 """
@@ -80,7 +81,7 @@ def kills(arguments, home):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scene", type=Path, help="folder with frame-000000.color.jpg and so on")
-    parser.add_argument("--splatseg", type=Path, default="target/release/splatseg", help="the command")
+    parser.add_argument("--splatseg", type=Path, default="target/dist/splatseg", help="the command")
     parser.add_argument("--minutes", type=float, default=20)
     parser.add_argument("--kills", type=int, help="kill it this many times instead")
     parser.add_argument("--rate", type=float, default=5, help="frames per second")

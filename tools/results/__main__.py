@@ -55,8 +55,10 @@ def run_missing(missing, folder, commit, data):
     machine.refuse_changed_sources(PROJECT)
     # Timed commands last, so that only they wait for an idle machine.
     missing = sorted(missing, key=lambda name: COMMANDS[name].is_timed)
-    subprocess.run(["cargo", "build", "--release", "--workspace", "--bins", "--locked"], cwd=PROJECT, check=True)
-    program = PROJECT / "target/release/splatseg"
+    features = "splatseg-cli/networks,splatseg-cli/ros2"
+    build = ["cargo", "build", "--profile", "dist", "--workspace", "--bins", "--locked", "--features", features]
+    subprocess.run(build, cwd=PROJECT, check=True)
+    program = PROJECT / "target/dist/splatseg"
     for number, name in enumerate(missing, 1):
         command = COMMANDS[name]
         if command.is_timed:

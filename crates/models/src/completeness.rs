@@ -1,37 +1,20 @@
 //! Finds the tensors that a checkpoint lacks for its network.
 
+mod missing;
+
+pub use missing::Missing;
+
 use crate::checkpoint::{Architecture, Checkpoint};
 use crate::fastsam::{self, FastSamError};
 use crate::sam2::{self, Sam2Error, Sam2Network};
 use burn::tensor::Device;
 use std::cell::{Cell, RefCell};
-use std::fmt;
 use std::path::Path;
 
 /// The zeros for a network are limited to this multiple of the checkpoint's number of elements, but to no less than
 /// [`SMALLEST_LIMIT`]: a small file cannot allocate much memory.
 const LARGEST_SHARE: usize = 2;
 const SMALLEST_LIMIT: usize = 1 << 24;
-
-/// A tensor that a network needs but that is missing from a checkpoint or has the wrong shape there.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Missing {
-    /// The tensor's name.
-    pub name: String,
-    /// The shape it should have.
-    pub expected: Vec<usize>,
-    /// The shape it has; `None` if it is missing.
-    pub found: Option<Vec<usize>>,
-}
-
-impl fmt::Display for Missing {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.found {
-            Some(found) => write!(formatter, "{}: shape {found:?}, expected {:?}", self.name, self.expected),
-            None => write!(formatter, "{}: missing, expected shape {:?}", self.name, self.expected),
-        }
-    }
-}
 
 /// Returns the tensors that the checkpoint's network needs but that are missing or have another shape, in the order in
 /// which the network reads them. `None` if splatseg does not run this network.

@@ -1,9 +1,16 @@
 //! Devices that networks run on.
 
-use burn::backend::Flex;
-use burn::tensor::{Device, Tensor};
+#[cfg(not(feature = "networks"))]
+pub use crate::without_networks::Device;
+/// An open device, where networks keep their tensors.
+#[cfg(feature = "networks")]
+pub use burn::tensor::Device;
+
 use splatseg_settings::choices;
 use thiserror::Error;
+
+/// True if the program was built with networks that need a [`Device`]: the feature `networks`.
+pub const HAS_NETWORKS: bool = cfg!(feature = "networks");
 
 choices! {
     /// A kind of device. The CPU is always available; the others are Cargo features of the same name.
@@ -24,6 +31,12 @@ choices! {
 /// Errors opening a device.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum DeviceError {
+    /// The program was built without networks.
+    #[error(
+        "this build of splatseg has neither FastSAM nor SAM 2, EdgeTAM or EfficientTAM: build it with --features \
+         networks, e.g. cargo install --path crates/splatseg-cli --features networks,ros2"
+    )]
+    NoNetworks,
     /// The program was built without this device.
     #[error("this program was built without the device {0}: build it with --features {0}")]
     NotBuilt(&'static str),
@@ -56,10 +69,14 @@ impl DeviceName {
     /// one named by `CUBECL_WGPU_DEFAULT_DEVICE`, e.g. `IntegratedGpu(0)`.
     ///
     /// # Errors
-    /// [`DeviceError`] if the program was built without the device, its driver is missing, or it fails the test.
+    /// [`DeviceError`] if the program was built without networks or without the device, its driver is missing, or it
+    /// fails the test.
     pub fn open(self) -> Result<Device, DeviceError> {
         match self {
+            #[cfg(feature = "networks")]
             Self::Cpu => Ok(Device::flex()),
+            #[cfg(not(feature = "networks"))]
+            Self::Cpu => Err(DeviceError::NoNetworks),
             #[cfg(feature = "gpu")]
             Self::Gpu => gpu::open(self, burn::tensor::DeviceType::Wgpu, Device::wgpu),
             #[cfg(feature = "cuda")]
@@ -78,11 +95,11 @@ impl DeviceName {
     /// # Errors
     /// As [`open`](Self::open).
     pub fn adapter(self) -> Result<Option<String>, DeviceError> {
-        let device = self.open()?;
+        let opened = self.open();
         #[cfg(any(feature = "gpu", feature = "cuda", feature = "vulkan", feature = "metal"))]
-        return Ok(device.identity().map(|identity| identity.name));
+        return opened.map(|device| device.identity().map(|identity| identity.name));
         #[cfg(not(any(feature = "gpu", feature = "cuda", feature = "vulkan", feature = "metal")))]
-        return Ok(None.filter(|_| is_cpu(&device)));
+        return opened.map(|_| None);
     }
 }
 
@@ -144,14 +161,16 @@ fn catch_panic_message<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T,
 }
 
 /// True if tensors on the device are computed on the CPU, where this crate uses its own kernels.
+#[cfg(feature = "networks")]
 pub(crate) fn is_cpu(device: &Device) -> bool {
-    Tensor::<1>::empty([1], device).try_into_primitive::<Flex>().is_ok()
+    burn::tensor::Tensor::<1>::empty([1], device).try_into_primitive::<burn::backend::Flex>().is_ok()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    #[cfg(feature = "networks")]
     #[test]
     fn the_cpu_is_always_available_and_missing_devices_are_errors() {
         assert!(DeviceName::Cpu.is_built() && DeviceName::Cpu.open().is_ok());

@@ -8,6 +8,10 @@
 //!    log-odds between two of them are above a threshold. Every pixel belongs to one segment.
 
 mod agglomeration;
+#[cfg(feature = "networks")]
+mod device_network;
+#[cfg(not(feature = "networks"))]
+#[path = "affinity/no_device_network.rs"]
 mod device_network;
 mod grid;
 mod inputs;

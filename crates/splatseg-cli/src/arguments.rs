@@ -9,7 +9,6 @@ use super::export::ExportArguments;
 use super::find::FindArguments;
 use super::inspect::InspectArguments;
 use super::live::LiveArguments;
-#[cfg(feature = "ros2")]
 use super::live::ros2::Ros2Arguments;
 use super::locate::LocateArguments;
 use super::map_changes::DiffArguments;
@@ -61,7 +60,6 @@ pub enum Command {
     /// Segment a stream while it arrives, here a recording that is played: the newest frame wins, the map is kept
     Live(Box<LiveArguments>),
     /// Segment the stream of a ROS 2 camera, as a node: needs no ROS on this computer
-    #[cfg(feature = "ros2")]
     Ros2(Box<Ros2Arguments>),
     /// Score predictions, of this program or any other, against a scene's ground truth
     Eval(Box<EvalArguments>),

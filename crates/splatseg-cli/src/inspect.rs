@@ -8,6 +8,7 @@ use clap::Args;
 use splatseg_dataset::McapScene;
 use splatseg_models::checkpoint::{Architecture, Checkpoint, CheckpointError, Dtype, Format, printable};
 use splatseg_models::completeness::missing_tensors;
+use splatseg_models::device::{DeviceError, HAS_NETWORKS};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -116,8 +117,9 @@ const LISTED: usize = 10;
 fn print_missing(checkpoint: &Checkpoint, all: bool) {
     let Some(missing) = missing_tensors(checkpoint) else {
         let reason = match checkpoint.architecture() {
-            Architecture::Unknown => "splatseg runs FastSAM, SAM 2.1, EdgeTAM and EfficientTAM only",
-            _ => "the tensors from which the network's size is read are missing or damaged",
+            Architecture::Unknown => "splatseg runs FastSAM, SAM 2.1, EdgeTAM and EfficientTAM only".to_owned(),
+            _ if !HAS_NETWORKS => DeviceError::NoNetworks.to_string(),
+            _ => "the tensors from which the network's size is read are missing or damaged".to_owned(),
         };
         say!("missing        unknown: {reason}");
         return;

@@ -69,7 +69,6 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Diff(diff) => map_changes::diff(&diff),
         Command::Find(find) => find::find(&find),
         Command::Live(live) => live::live(&live, program),
-        #[cfg(feature = "ros2")]
         Command::Ros2(ros2) => live::ros2::ros2(&ros2, program),
         Command::Locate(locate) => locate::locate(&locate),
         Command::Devices(arguments) => devices::devices(&arguments, program),

@@ -2,24 +2,13 @@
 
 use super::letterbox::{input_values, letterbox};
 use super::masks::{image_masks, input_mask_in_image, input_masks};
-use super::{Candidates, FastSamConfig, FastSamError, FastSamNetwork, FastSamPredictorSettings, Placement, Prototypes};
+use super::{
+    Candidates, Detection, FastSamConfig, FastSamError, FastSamNetwork, FastSamPredictorSettings, Placement, Prototypes,
+};
 use crate::checkpoint::Checkpoint;
 use burn::tensor::Device;
 use splatseg_geometry::{CowImage, Mask};
 use std::path::Path;
-
-/// An object found by FastSAM.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Detection {
-    /// Index of the anchor.
-    pub anchor: usize,
-    /// Left, top, right, bottom in image pixels, after FastSAM's adjustment at the image's borders.
-    pub box_xyxy: [f32; 4],
-    /// Confidence in [0, 1].
-    pub score: f32,
-    /// Pixels of the object, within the box before its adjustment.
-    pub mask: Mask,
-}
 
 /// FastSAM, like Ultralytics 8.4's `FastSAM(…).predict`.
 #[derive(Clone, Debug)]

@@ -2,7 +2,6 @@
 
 use super::encoder::{repvit, vit};
 use super::{Sam2Error, Weights};
-use splatseg_settings::choices;
 
 /// The published networks, and a miniature for tests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -22,19 +21,6 @@ pub enum Sam2Size {
     EdgeTam,
     /// `efficienttam_s` (34 M parameters) or `efficienttam_ti` (18 M), with any pooling of the memory.
     EfficientTam,
-}
-
-choices! {
-    /// Reduction of remembered maps before memory attention. EfficientTAM is trained with one of them; its checkpoints
-    /// do not tell which.
-    pub enum MemoryPooling, default None {
-        /// None: `efficienttam_s`, `efficienttam_ti`, and the other networks
-        None = "none",
-        /// 2 × 2 tokens become one that counts four times: `efficienttam_s_1`, `efficienttam_ti_1`
-        Weighted = "weighted",
-        /// 2 × 2 tokens become one, to whose key ln 4 is added in every channel: `efficienttam_s_2`, `efficienttam_ti_2`
-        Shifted = "shifted",
-    }
 }
 
 /// The image encoder's trunk.

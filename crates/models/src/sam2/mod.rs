@@ -21,15 +21,13 @@ mod settings;
 mod video_state;
 mod weights;
 
-pub use config::{
-    HieraConfig, MemoryPooling, PerceiverConfig, RepVitConfig, Sam2Config, Sam2Size, TrunkConfig, VitConfig,
-};
+pub use config::{HieraConfig, PerceiverConfig, RepVitConfig, Sam2Config, Sam2Size, TrunkConfig, VitConfig};
 pub use error::Sam2Error;
 pub use heads::ObjectMask;
 pub use network::{FeatureMaps, Sam2Network};
 pub use predictor::Sam2Predictor;
 pub use prompt::PointLabel;
-pub use settings::Sam2PredictorSettings;
+pub use settings::{MemoryPooling, Sam2PredictorSettings};
 pub use video_state::VideoState;
 pub use weights::Weights;
 

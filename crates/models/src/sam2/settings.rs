@@ -2,6 +2,20 @@
 
 use super::Sam2Error;
 use serde::{Deserialize, Serialize};
+use splatseg_settings::choices;
+
+choices! {
+    /// Reduction of remembered maps before memory attention. EfficientTAM is trained with one of them; its checkpoints
+    /// do not tell which.
+    pub enum MemoryPooling, default None {
+        /// None: `efficienttam_s`, `efficienttam_ti`, and the other networks
+        None = "none",
+        /// 2 × 2 tokens become one that counts four times: `efficienttam_s_1`, `efficienttam_ti_1`
+        Weighted = "weighted",
+        /// 2 × 2 tokens become one, to whose key ln 4 is added in every channel: `efficienttam_s_2`, `efficienttam_ti_2`
+        Shifted = "shifted",
+    }
+}
 
 /// Settings for tracking a video. Settings shared with the official predictor have its names and defaults.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]

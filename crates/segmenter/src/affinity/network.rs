@@ -10,9 +10,9 @@ use super::device_network::DeviceNetwork;
 use super::grid::Grid;
 use super::weights::{AffinityWeightsError, BUILT_IN, Layer, MAX_BYTES, Offset, Weights};
 use crate::SegmenterError;
-use burn::tensor::Device;
 use splatseg_kernels::feature_map::{FeatureMap, MapConvolution, add_doubled, mean_per_channel};
 use splatseg_kernels::{Activation, Instructions};
+use splatseg_models::device::Device;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -92,7 +92,7 @@ impl AffinityNetwork {
     /// Loads a file, or the built-in weights, on a device. The log-odds differ from those on the CPU by rounding.
     ///
     /// # Errors
-    /// As [`open`](Self::open).
+    /// As [`open`](Self::open); [`AffinityWeightsError::Device`] without the feature `networks`.
     pub fn on_device(path: Option<&Path>, device: &Device) -> Result<Self, AffinityWeightsError> {
         match path {
             Some(path) => Self::parse(&read(path)?, &path.display().to_string(), Some(device)),

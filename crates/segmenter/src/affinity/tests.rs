@@ -9,6 +9,7 @@ use super::weights::{BUILT_IN, Offset};
 use super::*;
 use safetensors::SafeTensors;
 use splatseg_geometry::{CameraFrame, CowImage, Image, Intrinsics};
+#[cfg(feature = "networks")]
 use splatseg_models::device::DeviceName;
 use std::path::Path;
 
@@ -92,6 +93,7 @@ fn log_odds_are_those_of_pytorch() {
     }
 }
 
+#[cfg(feature = "networks")]
 #[test]
 fn burns_operations_give_the_log_odds_of_pytorch() {
     let golden = Golden::open();

@@ -4,6 +4,7 @@ use super::inputs::{CHANNELS, COLOR_CHANNELS, DEPTH_CHANNELS};
 use safetensors::{Dtype, SafeTensors};
 use splatseg_kernels::feature_map::MapConvolution;
 use splatseg_kernels::{Activation, Instructions};
+use splatseg_models::device::DeviceError;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -36,6 +37,9 @@ pub enum AffinityWeightsError {
         /// The expected content.
         expected: String,
     },
+    /// The program was built without networks on devices.
+    #[error(transparent)]
+    Device(#[from] DeviceError),
 }
 
 /// Offset from a pixel to its partner: rows down and columns to the right.

@@ -3,6 +3,9 @@
 mod player;
 #[cfg(feature = "ros2")]
 pub mod ros2;
+#[cfg(not(feature = "ros2"))]
+#[path = "without_ros2.rs"]
+pub mod ros2;
 mod session_options;
 mod terminal_outlet;
 

@@ -6,6 +6,7 @@ mod benchmark;
 mod browser;
 mod command;
 mod coordinates;
+mod crate_count;
 mod devices;
 mod evaluation;
 mod export;

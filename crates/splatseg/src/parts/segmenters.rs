@@ -102,6 +102,11 @@ impl SegmenterSettings {
         matches!(self, Self::Affinity { .. } | Self::Fastsam { .. })
     }
 
+    /// Returns true if the segmenter is missing in a program without the feature `networks`.
+    pub(crate) fn needs_networks(&self) -> bool {
+        matches!(self, Self::Fastsam { .. })
+    }
+
     /// Returns the file or folder that the segmenter needs and the settings do not name.
     pub(crate) fn missing_input(&self) -> Option<MissingFile> {
         match self {

@@ -93,7 +93,7 @@ pub enum SettingsError {
         /// The value in it.
         saved: String,
     },
-    /// Support for the device is not built in.
+    /// The network, or support for its device, is not built in.
     #[error(transparent)]
     Device(#[from] DeviceError),
     /// The saved memory cannot be read.

@@ -20,7 +20,7 @@ pub use registry::{ChosenValues, Entry, Requirement, describe, entries};
 
 use splatseg_dataset::DatasetSettings;
 use splatseg_files::MemoryLimit;
-use splatseg_models::device::{DeviceError, DeviceName};
+use splatseg_models::device::{DeviceError, DeviceName, HAS_NETWORKS};
 use splatseg_odometry::PoseMode;
 use splatseg_settings::{Allowed, Choice, settings};
 
@@ -77,7 +77,8 @@ settings! {
 }
 
 impl Settings {
-    /// Checks that every setting is in range, every required file is given, and the networks' device is built in.
+    /// Checks that every setting is in range, every required file is given, and the networks and their device are built
+    /// in.
     ///
     /// # Errors
     /// Names the first setting that is invalid or missing.
@@ -88,6 +89,11 @@ impl Settings {
         self.run.validate()?;
         let segmenter = self.method.uses_segmenter().then_some(&self.segmenter);
         let tracker = self.method.tracker();
+        let needs_networks = segmenter.is_some_and(SegmenterSettings::needs_networks)
+            || tracker.is_some_and(TrackerSettings::is_network);
+        if needs_networks && !HAS_NETWORKS {
+            return Err(DeviceError::NoNetworks.into());
+        }
         let missing = segmenter.and_then(SegmenterSettings::missing_input);
         if let Some(missing) = missing.or_else(|| tracker?.missing_input()) {
             return Err(SettingsError::Missing(missing));
