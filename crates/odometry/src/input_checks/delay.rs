@@ -1,10 +1,10 @@
 //! Whether depth and colour are of the same time: while the camera moves, the edges of late depth are where those of
 //! colour were before.
 
-use super::edges::{DepthEdge, EdgeFrame};
+use super::edges::{DepthEdge, EdgeFrame, TELLING_CONTRAST};
 use super::registration::Explained;
 use super::units::rounded;
-use super::{DoubtKind, InputDoubt};
+use super::{DoubtKind, InputDoubt, median};
 use crate::se3::{self, Twist};
 use glam::{Vec2, Vec3};
 use splatseg_geometry::{CameraFrame, Intrinsics, Pose};
@@ -136,7 +136,7 @@ impl DelayCheck {
             None if motion >= f64::from(PICKED_MOTION) => intervals.abs() >= MIN_PICKED_INTERVALS,
             None => intervals.abs() >= MIN_INTERVALS,
         };
-        (is_frame && gain >= MIN_GAIN && is_better).then(|| {
+        (is_frame && gain >= MIN_GAIN && means[best] >= TELLING_CONTRAST && is_better).then(|| {
             let text = described(intervals, seconds, [means[0], means[best]]);
             let gain = means[best] / means[0].max(f64::MIN_POSITIVE);
             Explained { doubt: InputDoubt { kind: DoubtKind::Delay, text }, gain }
@@ -185,11 +185,6 @@ fn flow(edge: &DepthEdge, camera: &Intrinsics, motion: &Twist) -> Vec2 {
     let moved = -(part(0) + part(3).cross(point));
     let (right, down) = (moved.x - point.x * moved.z / point.z, moved.y - point.y * moved.z / point.z);
     Vec2::new(camera.fx * right, camera.fy * down) / point.z
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 fn described(intervals: f64, seconds: Option<f64>, [present, best]: [f64; 2]) -> String {

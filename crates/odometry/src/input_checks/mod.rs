@@ -68,6 +68,12 @@ pub(crate) struct InputChecks {
     found: Vec<InputDoubt>,
 }
 
+/// The middle one of the values, the upper of two; `None` without any.
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
 impl InputChecks {
     /// Creates checks of frames whose given poses were read in a certain way.
     pub(crate) fn new(format: PoseFormat) -> Self {

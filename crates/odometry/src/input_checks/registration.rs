@@ -1,6 +1,6 @@
 //! Whether depth is registered to colour: edges of depth are compared with edges of colour, at several scales and shifts.
 
-use super::edges::{DepthEdge, EdgeFrame};
+use super::edges::{DepthEdge, EdgeFrame, TELLING_CONTRAST};
 use super::units::rounded;
 use super::{DoubtKind, InputDoubt};
 use glam::Vec2;
@@ -110,7 +110,8 @@ impl RegistrationCheck {
         let gain = (means[best] - means[present]) / (means[best] - unrelated);
         let better = frames.iter().filter(|frame| frame[best] > frame[present]).count();
         let is_better = better as f64 >= MIN_BETTER * frames.len() as f64;
-        if !(gain >= MIN_GAIN && means[best] >= MIN_CONTRAST * unrelated && is_better) {
+        let is_telling = means[best] >= TELLING_CONTRAST.max(MIN_CONTRAST * unrelated);
+        if !(gain >= MIN_GAIN && is_telling && is_better) {
             return None;
         }
         let text = described(&placements[best], [means[present], means[best]]);

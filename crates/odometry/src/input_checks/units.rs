@@ -1,6 +1,6 @@
 //! Whether the unit of depth is plausible, and which one is likely.
 
-use super::{DoubtKind, InputDoubt};
+use super::{DoubtKind, InputDoubt, median};
 use splatseg_geometry::CameraFrame;
 
 /// Plausible median depth in rooms, metres.
@@ -40,12 +40,8 @@ pub(super) fn median_depth(frame: &CameraFrame<'_>) -> Option<f32> {
     let pixels = frame.depth().pixels();
     // Small images have few pixels.
     let sampling = DEPTH_SAMPLING.min(pixels.len().div_ceil(100)).max(1);
-    median(pixels.iter().step_by(sampling).copied().filter(|depth| *depth > 0.0 && depth.is_finite()).collect())
-}
-
-fn median(mut values: Vec<f32>) -> Option<f32> {
-    values.sort_by(f32::total_cmp);
-    values.get(values.len() / 2).copied()
+    let measured = pixels.iter().step_by(sampling).filter(|depth| **depth > 0.0 && depth.is_finite());
+    median(measured.map(|depth| f64::from(*depth)).collect()).map(|depth| depth as f32)
 }
 
 /// A mistake about units by which depth would have to be multiplied by about `factor`: the true and the assumed number of
@@ -95,7 +91,8 @@ impl UsualDepth {
 
     /// A sentence about a wrong unit of depth, if depth is not that of a room; once.
     pub(super) fn doubt(&mut self) -> Option<InputDoubt> {
-        let found = median(self.medians.clone()).filter(|depth| !USUAL_DEPTH.contains(depth) && !self.is_told)?;
+        let found = median(self.medians.iter().map(|depth| f64::from(*depth)).collect()).map(|depth| depth as f32);
+        let found = found.filter(|depth| !USUAL_DEPTH.contains(depth) && !self.is_told)?;
         self.is_told = true;
         let mut mistakes = MISTAKEN_UNITS.iter().map(|(is, assumed)| assumed / is);
         let likely = mistakes.find(|factor| LIKELY_DEPTH.contains(&(found * *factor as f32)));
