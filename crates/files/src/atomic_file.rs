@@ -75,6 +75,15 @@ impl AtomicFile {
         self.temporary.persist_noclobber(&self.path).map_err(|error| error.error)?;
         sync_folder(folder_of(&self.path))
     }
+
+    /// As [`AtomicFile::commit_new`], but does not wait for the disk; see [`AtomicFile::commit_unsynced`].
+    ///
+    /// # Errors
+    /// As [`AtomicFile::commit_new`].
+    pub fn commit_new_unsynced(self) -> Result<()> {
+        let _file = self.file.into_inner().map_err(|error| error.into_error())?;
+        self.temporary.persist_noclobber(&self.path).map(drop).map_err(|error| error.error)
+    }
 }
 
 impl Write for AtomicFile {
@@ -234,6 +243,8 @@ mod tests {
         let path = folder.path().join("a.txt");
         write_atomically(&path, b"old").unwrap();
         write_unsynced(&path, b"new").unwrap();
+        let again = AtomicFile::create(&path).unwrap().commit_new_unsynced();
+        assert_eq!(again.unwrap_err().kind(), ErrorKind::AlreadyExists);
         assert_eq!((fs::read(&path).unwrap(), names(folder.path()).len()), (b"new".to_vec(), 1));
         sync_file_system(folder.path()).unwrap();
     }

@@ -7,7 +7,7 @@ use super::run::FileKind;
 use super::terminal::counted;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
-use splatseg_files::AtomicFile;
+use splatseg_files::{AtomicFile, sync_file_system};
 use splatseg_geometry::SegmentId;
 use splatseg_memory::{ExportedForm, ExportedGaussian, SplatFile, SurfaceKind, write_exported};
 use splatseg_output::segment_color;
@@ -108,7 +108,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
         format!("{} of {}", counted(gaussians, thing), counted(objects, "object"))
     };
     if let Some(out) = &arguments.out {
-        places.write(out, arguments.form, origin, &gaussians)?;
+        places.write(out, arguments.form, origin, &gaussians, Wait::ForDisk)?;
         say!("{}: {}", out.display(), amount(gaussians.len(), objects.len()));
     }
     if let Some(folder) = &arguments.object_files {
@@ -117,8 +117,11 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
         gaussians.sort_by_key(|gaussian| gaussian.segment_id);
         let parts = gaussians.chunk_by(|a, b| a.segment_id == b.segment_id);
         for ((_, path), part) in object_files.iter().zip(parts) {
-            places.write(path, arguments.form, origin, part)?;
+            places.write(path, arguments.form, origin, part, Wait::Not)?;
         }
+        // Once, as there can be thousands of files.
+        sync_file_system(folder)
+            .map_err(|error| Failure::runtime(format!("{}: cannot be written: {error}", folder.display())))?;
         say!("{}: {}, {}", folder.display(), counted(objects.len(), "file"), amount(gaussians.len(), objects.len()));
     }
     Ok(())
@@ -188,6 +191,13 @@ fn ranges(ids: &BTreeSet<SegmentId>) -> String {
     words.join(", ")
 }
 
+/// Whether a file is on the disk when it has been written.
+#[derive(Clone, Copy)]
+enum Wait {
+    ForDisk,
+    Not,
+}
+
 /// Checks where files may be written, and writes them.
 struct Places {
     inputs: InputPaths,
@@ -216,7 +226,14 @@ impl Places {
     }
 
     /// Writes a checked file, and creates its folder.
-    fn write(&self, path: &Path, form: Form, origin: DVec3, gaussians: &[ExportedGaussian]) -> Result<(), Failure> {
+    fn write(
+        &self,
+        path: &Path,
+        form: Form,
+        origin: DVec3,
+        gaussians: &[ExportedGaussian],
+        wait: Wait,
+    ) -> Result<(), Failure> {
         let form = match form {
             Form::Gaussians => ExportedForm::Gaussians,
             Form::Points => ExportedForm::Points,
@@ -226,9 +243,11 @@ impl Places {
             let mut file = AtomicFile::create(path)?;
             write_exported(form, origin, gaussians, &mut file)?;
             file.flush()?;
-            match self.existing {
-                OverwritePolicy::Keep => file.commit_new(),
-                _ => file.commit(),
+            match (self.existing, wait) {
+                (OverwritePolicy::Keep, Wait::ForDisk) => file.commit_new(),
+                (OverwritePolicy::Keep, Wait::Not) => file.commit_new_unsynced(),
+                (_, Wait::ForDisk) => file.commit(),
+                (_, Wait::Not) => file.commit_unsynced(),
             }
         });
         written.map_err(|error| Failure::runtime(format!("{}: cannot be written: {error}", path.display())))
