@@ -7,3 +7,4 @@ mod depth_completion;
 mod own_store;
 mod ply;
 mod rules;
+mod rules_document;
