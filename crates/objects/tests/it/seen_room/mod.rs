@@ -66,7 +66,8 @@ impl Cuboid {
             let point = self.0 + self.2 * (self.1 * (Vec3::from(cell) / side as f32 - 0.5));
             (other.2.transpose() * (point - other.0)).abs().cmple(0.5 * other.1).all()
         });
-        let shared = self.volume() * inside.count() as f32 / side.pow(3) as f32;
+        // Counted in cells, which may round up.
+        let shared = (self.volume() * inside.count() as f32 / side.pow(3) as f32).min(other.volume());
         shared / (self.volume() + other.volume() - shared)
     }
 }
