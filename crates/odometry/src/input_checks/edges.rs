@@ -21,7 +21,7 @@ const MIN_EDGES: usize = 30;
 const MAX_CONTRAST: f32 = 14.0;
 
 /// Where the edges of depth would be, colour changes at least this many times as much as in the mean of the image. Less
-/// tells nothing: a noisy depth camera moves its edges, and right input gave up to 1.41, wrong input 1.63 or more.
+/// tells nothing: a noisy depth camera moves its edges, and right input gave up to 1.41, wrong input 1.56 or more.
 pub(super) const TELLING_CONTRAST: f64 = 1.5;
 
 /// The mean contrast of an image is measured at every Nth pixel.
