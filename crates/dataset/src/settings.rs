@@ -47,7 +47,7 @@ settings! {
         /// For 7-Scenes with `register_depth`: offset of the colour camera to the right of the depth camera, metres. The default is
         /// that of the Kinect that recorded 7-Scenes.
         depth_offset_m: f32 = 0.025, Allowed::between(-1.0, 1.0), only "dataset.register_depth = true";
-        /// What the recorded poses are, in every format: a run warns if the images fit another choice.
+        /// Convention of the recorded poses, in every format: a run warns if the images fit another choice.
         pose_convention: PoseConvention = PoseConvention::CameraToWorld, Allowed::Names(PoseConvention::NAMES);
         /// Order of the numbers in the quaternions of recorded poses.
         quaternion_order: QuaternionOrder = QuaternionOrder::Xyzw, Allowed::Names(QuaternionOrder::NAMES);

@@ -42,7 +42,7 @@ const MIN_RESIDUAL: f64 = 0.01;
 pub(crate) struct CompletedDepth {
     /// z-depth in metres, 0 where still missing, `[height, width]`.
     pub depth: Image<f32>,
-    /// What is known about the depth of each pixel, `[height, width]`.
+    /// Whether the depth of each pixel was measured or completed, `[height, width]`.
     pub surfaces: Image<SurfaceKind>,
 }
 

@@ -210,7 +210,7 @@ impl Growth<'_> {
         })
     }
 
-    /// What is known about a pixel's depth.
+    /// Whether a pixel's depth was measured or completed.
     fn surface(&self, at: (usize, usize)) -> SurfaceKind {
         match self.completed {
             Some(completed) => completed.surfaces[at],

@@ -13,7 +13,7 @@ use std::path::Path;
 
 /// Suffixes of compressed versions of an image topic.
 const TRANSPORTS: [&str; 2] = ["/compressedDepth", "/compressed"];
-/// What to do without a camera info of colour, or of depth.
+/// Remedies if colour or depth has no camera info.
 const COLOR_INFO_REMEDY: &str = "--camera-info chooses one, or --fx describes the camera";
 const DEPTH_INFO_REMEDY: &str = "--set dataset.depth_camera_info=TOPIC chooses one, or --register-depth false takes the \
                                  pixels of depth for those of colour";

@@ -3,7 +3,7 @@
 //! Drivers say it in many ways, and some contradict themselves. Two images of one frame, size and K are those of one
 //! camera: their pixels belong together as they are stored, so both are undistorted alike. K of one camera hardly ever is
 //! that of another one to a fraction of a pixel, so depth with the size and K of colour is taken as registered even if it
-//! names another frame. Whatever is ambiguous is told once, with the setting that decides otherwise.
+//! names another frame. Ambiguous headers cause one warning, with the setting that decides otherwise.
 
 use super::camera_list::{Cameras, calibrations, image_facts};
 use super::cameras::Camera;

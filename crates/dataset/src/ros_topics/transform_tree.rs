@@ -1,7 +1,7 @@
 //! The tree of coordinate frames in `/tf` and `/tf_static`.
 //!
 //! A frame should have one parent. Where several programs publish it, it has more. All are kept, and a route between two
-//! frames takes the one that leads there. Which one was taken is told ([`TransformTree::contradictions`]).
+//! frames takes the one that leads there. A warning names it ([`TransformTree::contradictions`]).
 
 use super::clock::{Order, Recorded};
 use super::links::Link;

@@ -19,7 +19,7 @@ fn camera() -> Intrinsics {
     *frames()[0].intrinsics()
 }
 
-/// What is recorded of a camera.
+/// The messages that are recorded of a camera.
 #[derive(Clone, Copy)]
 struct Recorded<'a> {
     info: Option<&'a dyn Fn(i64) -> CameraInfo>,

@@ -1,13 +1,10 @@
 //! The command as users see it: results, exit codes, and a one-line error for each kind of bad input.
 
+use crate::support::{file_names, result_files, splatseg};
 use assert_cmd::Command;
 use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
 use std::fs;
 use std::path::{Path, PathBuf};
-
-fn splatseg() -> Command {
-    Command::new(assert_cmd::cargo::cargo_bin!("splatseg"))
-}
 
 const ROOM: &str = "synthetic:frames=4,width=96,height=72,objects=8";
 
@@ -47,13 +44,6 @@ fn finish(command: &mut Command) -> (i32, String) {
     (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
 }
 
-fn file_names(folder: &Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
-}
-
 fn summary(out: &Path) -> serde_json::Value {
     serde_json::from_str(&fs::read_to_string(out.join("summary.json")).unwrap()).unwrap()
 }
@@ -63,21 +53,7 @@ fn a_run_writes_ids_overlays_and_a_summary() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     splatseg().args(["run", ROOM, "--out"]).arg(&out).args(["--seed", "3"]).assert().success();
-    assert_eq!(
-        file_names(&out),
-        [
-            "index.html",
-            "manifest.jsonl",
-            "objects",
-            "objects.csv",
-            "objects.json",
-            "overlay",
-            "poses.txt",
-            "segments",
-            "summary.json",
-            "viewer"
-        ]
-    );
+    assert_eq!(file_names(&out), result_files(&[]));
     assert_eq!(file_names(&out.join("segments")).len(), 4);
     assert_eq!(file_names(&out.join("overlay")).len(), 4);
     let summary = summary(&out);
@@ -348,21 +324,5 @@ fn the_demo_needs_no_input() {
     let text = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(text.contains("3 frames, ") && text.contains("overlay"), "{text}");
-    assert_eq!(
-        file_names(&folder.path().join("here")),
-        [
-            "index.html",
-            "manifest.jsonl",
-            "memory.ply",
-            "objects",
-            "objects.csv",
-            "objects.json",
-            "overlay",
-            "poses.txt",
-            "scene",
-            "segments",
-            "summary.json",
-            "viewer"
-        ]
-    );
+    assert_eq!(file_names(&folder.path().join("here")), result_files(&["memory.ply", "scene"]));
 }

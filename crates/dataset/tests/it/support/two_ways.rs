@@ -8,7 +8,7 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
-/// What is read from a recording.
+/// The content of a recording.
 pub struct Found {
     pub frames: Vec<(CameraFrame<'static>, Option<Pose>)>,
     pub sources: Vec<String>,

@@ -25,20 +25,17 @@ pub enum Texture {
 }
 
 /// A wall in front of the camera, two metres away and slightly turned.
-#[allow(dead_code, reason = "not every test uses every place")]
 pub fn wall(texture: Texture) -> Vec<Plane> {
     vec![Plane { normal: Vec3::new(0.2, 0.1, 1.0).normalize(), distance: 2.0, texture }]
 }
 
 /// A corridor along z, two metres wide, without an end in range.
-#[allow(dead_code, reason = "not every test uses every place")]
 pub fn corridor(texture: Texture) -> Vec<Plane> {
     let plane = |normal, distance| Plane { normal, distance, texture };
     vec![plane(Vec3::X, 1.0), plane(Vec3::NEG_X, 1.0), plane(Vec3::Y, 1.2), plane(Vec3::NEG_Y, 1.3)]
 }
 
 /// A corner of a room, textured.
-#[allow(dead_code, reason = "not every test uses every place")]
 pub fn corner() -> Vec<Plane> {
     let plane = |normal: Vec3, distance| Plane { normal: normal.normalize(), distance, texture: Texture::Blotches };
     vec![plane(Vec3::new(1.0, 0.0, 0.6), 1.8), plane(Vec3::new(-0.7, 0.0, 1.0), 2.0), plane(Vec3::Y, 1.1)]
@@ -63,14 +60,12 @@ impl Board {
 }
 
 /// Renders planes from a pose. Depth beyond 8 m is missing.
-#[allow(dead_code, reason = "not every test uses this function")]
 pub fn render(planes: &[Plane], pose: &Pose) -> CameraFrame<'static> {
     render_with(planes, &[], pose).0
 }
 
 /// Renders planes and boards from a pose. Depth beyond 8 m is missing. The second image has the number of the board in
 /// each pixel, from 1, or 0.
-#[allow(dead_code, reason = "not every test uses boards")]
 pub fn render_with(planes: &[Plane], boards: &[Board], pose: &Pose) -> (CameraFrame<'static>, Image<u32>) {
     let hit = |column: usize, row: usize| {
         let ray = CAMERA.unproject(Vec2::new(column as f32, row as f32), 1.0);
@@ -98,7 +93,6 @@ pub fn render_with(planes: &[Plane], boards: &[Board], pose: &Pose) -> (CameraFr
 }
 
 /// A pose on a gentle path to the right, forward and around, `time` in frames.
-#[allow(dead_code, reason = "not every test uses every place")]
 pub fn path(time: f64) -> Pose {
     let position = DVec3::new(0.006 * time, 0.05 * (0.1 * time).sin(), 0.002 * time);
     let turn = glam::DQuat::from_euler(glam::EulerRot::YXZ, 0.004 * time, 0.03 * (0.08 * time).sin(), 0.0);
@@ -106,7 +100,6 @@ pub fn path(time: f64) -> Pose {
 }
 
 /// Distance of two poses: metres, radians.
-#[allow(dead_code, reason = "not every test uses every function")]
 pub fn error(found: &Pose, truth: &Pose) -> (f64, f64) {
     let difference = truth.inverse() * *found;
     let rotation = difference.rotation();
