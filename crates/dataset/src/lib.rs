@@ -52,7 +52,7 @@ pub use error::{DatasetError, FrameReadError};
 pub use formats::{Format, FormatNameError, open_scene, supported_formats};
 pub use frame_source::{CorrectedPose, FrameSource, StreamedFrame};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};
-pub use live::{CoordinateFrames, DropCounts, FrameMatcher, MatchCounts, MatchLimits, MatchedFrame};
+pub use live::{CoordinateFrames, DropCounts, FrameMatcher, MatchCounts, MatchLimits, UndecodedFrame};
 pub use mcap::{McapFrames, McapScene, McapSummary, McapTopic, RecordedMessage, read_messages};
 pub use mvpd::{MvpdScene, MvpdVideo, MvpdVideos};
 pub use plain_folder::{FolderScene, ListedPose, read_pose_list};

@@ -1,6 +1,6 @@
 //! Recording of what a session uses of its stream.
 
-use splatseg_dataset::MatchedFrame;
+use splatseg_dataset::UndecodedFrame;
 use splatseg_output::StreamRecording;
 use std::collections::BTreeMap;
 use std::io;
@@ -32,7 +32,7 @@ impl Recorder {
     }
 
     /// Takes in a frame that is used.
-    pub(crate) fn use_frame(&mut self, frame: &MatchedFrame) {
+    pub(crate) fn use_frame(&mut self, frame: &UndecodedFrame) {
         for (topic, data) in frame.images() {
             if let Some(type_name) = self.images.get(topic).cloned() {
                 self.write((topic, &type_name), data, frame.received());

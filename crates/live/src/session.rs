@@ -9,7 +9,7 @@ use crate::{
 };
 use splatseg::pipeline::{FrameResult, LoadedNetworks, PipelineError};
 use splatseg::{Pipeline, Settings};
-use splatseg_dataset::{MatchedFrame, StreamedFrame};
+use splatseg_dataset::{StreamedFrame, UndecodedFrame};
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{FrameStamp, Object, ObjectList, SeenObjects};
 use splatseg_ros::{Detection3dArray, Header, Time, to_cdr};
@@ -175,7 +175,7 @@ impl LiveSession {
     }
 
     /// Processes a frame. One that cannot be used becomes the problem in the status.
-    fn use_frame(&mut self, frame: MatchedFrame) -> Result<(), LiveError> {
+    fn use_frame(&mut self, frame: UndecodedFrame) -> Result<(), LiveError> {
         let (received, started) = (frame.received(), Instant::now());
         let streamed = match frame.read() {
             Ok(streamed) => streamed,

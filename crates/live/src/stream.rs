@@ -2,7 +2,7 @@
 
 use crate::recorder::Recorder;
 use splatseg_dataset::{
-    CoordinateFrames, DatasetError, DatasetSettings, FrameMatcher, MatchCounts, MatchLimits, MatchedFrame,
+    CoordinateFrames, DatasetError, DatasetSettings, FrameMatcher, MatchCounts, MatchLimits, UndecodedFrame,
 };
 use std::io;
 use std::path::Path;
@@ -126,7 +126,7 @@ impl LiveStream {
     }
 
     /// Waits for the next complete frame, for `timeout` at most.
-    pub fn wait(&self, timeout: Duration) -> Option<MatchedFrame> {
+    pub fn wait(&self, timeout: Duration) -> Option<UndecodedFrame> {
         let until = Instant::now() + timeout;
         let mut state = self.lock();
         loop {

@@ -44,7 +44,7 @@ fn drifted_map() -> SplatFile {
         sightings: vec![9; count],
         carried: vec![true; count],
         frames: 300,
-        short_term: format!("{{\"anchors\":{runs:?}}}").into_bytes(),
+        saved_state: format!("{{\"anchors\":{runs:?}}}").into_bytes(),
     }
 }
 

@@ -70,7 +70,7 @@ fn files(criterion: &mut Criterion) {
             sightings: vec![9; 40],
             carried: vec![true; 40],
             frames: 300,
-            short_term: vec![],
+            saved_state: vec![],
         };
         group.bench_function(format!("save_{kind}"), |bencher| {
             bencher.iter(|| file.save(&path).expect("the file can be written"));

@@ -43,7 +43,7 @@ impl SplatMemory {
     /// Records the ids that a frame shows, `[height, width]`, 0 for none. Ids that were shown side by side are never
     /// merged.
     pub fn record_shown(&mut self, segments: &SegmentMap) {
-        self.together.record(segments);
+        self.co_visible.record(segments);
     }
 
     /// Moves the Gaussians with their keyframes, and joins the surfaces and ids that are there twice. Returns the ids that
@@ -51,7 +51,7 @@ impl SplatMemory {
     pub fn correct(&mut self, correction: &MapCorrection) -> Vec<RemappedId> {
         let before = self.map.balls.means.clone();
         self.move_anchored(correction);
-        if correction.joined.is_empty() || !self.store.can_merge() {
+        if correction.joined.is_empty() || !self.store.can_remap() {
             return Vec::new();
         }
         let SplatMap { balls, anchors, .. } = &self.map;
@@ -61,8 +61,8 @@ impl SplatMemory {
             return Vec::new();
         }
         let remapped = self.same_objects(&doubles);
-        self.rename(&remapped);
-        self.absorb(&doubles);
+        self.remap(&remapped);
+        self.merge_doubles(&doubles);
         remapped
     }
 
@@ -114,7 +114,7 @@ impl SplatMemory {
             let smaller = totals[&later].min(totals[&earlier]);
             let fits = area >= MIN_IOU * union && area >= MIN_SHARE * smaller;
             let is_candidate = later != earlier && later != 0 && earlier != 0 && fits;
-            (is_candidate && !self.together.contains(later, earlier))
+            (is_candidate && !self.co_visible.contains(later, earlier))
                 .then(|| Overlap { ids: RemappedId { from: later.max(earlier), into: later.min(earlier) }, area })
         };
         let mut found: Vec<Overlap> = overlaps.into_iter().filter_map(is_same).collect();
@@ -128,30 +128,30 @@ impl SplatMemory {
     /// Merges the ids of the latest frame, if its pose was unknown, with those that a frame whose pose is known shows
     /// instead. `segments` contains its id of each pixel, `[height, width]`, 0 for none. Must be called before
     /// [`Self::update`]. Only ids without Gaussians change: the map knows nothing about them yet. Returns the changed ids.
-    pub fn recognise(&mut self, segments: &SegmentMap) -> Vec<RemappedId> {
+    pub fn remap_recognised(&mut self, segments: &SegmentMap) -> Vec<RemappedId> {
         let remapped = self.recognised(segments);
-        self.rename(&remapped);
+        self.remap(&remapped);
         remapped
     }
 
     fn recognised(&self, segments: &SegmentMap) -> Vec<RemappedId> {
-        let Some(unplaced) = self.recent.unplaced_ids().filter(|ids| ids.size() == segments.size()) else {
+        let Some(without_pose) = self.recent.ids_without_pose().filter(|ids| ids.size() == segments.size()) else {
             return Vec::new();
         };
         let mut overlaps: BTreeMap<(SegmentId, SegmentId), usize> = BTreeMap::new();
-        for (from, into) in unplaced.pixels().iter().zip(segments.pixels()) {
+        for (from, into) in without_pose.pixels().iter().zip(segments.pixels()) {
             *overlaps.entry((*from, *into)).or_default() += 1;
         }
-        let (of_unplaced, of_shown) = (unplaced.areas(), segments.areas());
+        let (of_lost, of_shown) = (without_pose.areas(), segments.areas());
         let mapped: BTreeSet<SegmentId> = self.segment_ids().into_iter().collect();
         let iou = |&((from, into), area): &((SegmentId, SegmentId), usize)| {
-            area as f32 / (of_unplaced[&from] + of_shown[&into] - area) as f32
+            area as f32 / (of_lost[&from] + of_shown[&into] - area) as f32
         };
         let mut same: Vec<_> = overlaps
             .into_iter()
             .filter(|((from, into), _)| *from != 0 && *into != 0 && from != into && !mapped.contains(from))
             .filter(|overlap| iou(overlap) >= MIN_IOU_OF_FRAMES)
-            .filter(|((from, into), _)| !self.together.contains(*from, *into))
+            .filter(|((from, into), _)| !self.co_visible.contains(*from, *into))
             .collect();
         same.sort_by(|one, other| iou(other).total_cmp(&iou(one)).then(one.cmp(other)));
         let (mut from_used, mut into_used) = (BTreeSet::new(), BTreeSet::new());
@@ -161,28 +161,28 @@ impl SplatMemory {
         same.into_iter().map(|((from, into), _)| RemappedId { from, into }).collect()
     }
 
-    fn rename(&mut self, remapped: &[RemappedId]) {
+    fn remap(&mut self, remapped: &[RemappedId]) {
         if remapped.is_empty() {
             return;
         }
         let names: BTreeMap<SegmentId, SegmentId> = remapped.iter().map(|ids| (ids.from, ids.into)).collect();
-        self.store.rename(&names);
-        self.recent.rename(&names);
+        self.store.remap(&names);
+        self.recent.remap(&names);
         for ids in remapped {
-            self.together.rename(*ids);
-            self.segments.merge(*ids);
+            self.co_visible.remap(*ids);
+            self.segments.remap(*ids);
             self.remapped.values_mut().filter(|into| **into == ids.from).for_each(|into| *into = ids.into);
             self.remapped.insert(ids.from, ids.into);
         }
     }
 
     /// Adds later Gaussians to the earlier ones on the same surface.
-    fn absorb(&mut self, doubles: &[Double]) {
+    fn merge_doubles(&mut self, doubles: &[Double]) {
         let mut keep = vec![true; self.map.len()];
         for Double { later, earlier } in doubles {
             // An earlier Gaussian may itself be absorbed: then this one stays.
             if keep[*earlier] {
-                self.store.absorb(*later, *earlier);
+                self.store.merge_gaussian(*later, *earlier);
                 self.map.last_seen[*earlier] = self.map.last_seen[*earlier].max(self.map.last_seen[*later]);
                 self.map.seen_through[*earlier] = 0;
                 self.map.surfaces[*earlier] = self.map.surfaces[*earlier].min(self.map.surfaces[*later]);

@@ -8,6 +8,7 @@
 
 mod belief;
 mod borders;
+mod co_visible;
 mod correction;
 mod depth_completion;
 mod doubles;
@@ -23,11 +24,10 @@ mod ply;
 mod recall;
 mod recent;
 mod removal;
+mod saved_state;
 mod segment_store;
 mod segments;
 mod settings;
-mod short_term;
-mod shown_together;
 mod splat_memory;
 
 pub use belief::SegmentBelief;

@@ -34,7 +34,7 @@ impl SplatMemory {
     }
 
     /// True if the pose of a frame is so far off that it must be wrong: following it would round the map.
-    pub(crate) fn is_astray(&mut self, recall: &Recall<'_>) -> bool {
+    pub(crate) fn register_distance(&mut self, recall: &Recall<'_>) -> bool {
         let distance = recall.frame.world_from_camera().translation().distance(self.origin);
         let is_far = recall.jump.is_none() && self.gaussian_count() > 0 && distance > MAX_STEP;
         self.recent.count_far_frame(is_far) < MIN_FAR_FRAMES && is_far

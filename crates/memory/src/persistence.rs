@@ -1,12 +1,12 @@
 //! Saving a memory after one run and continuing it in another.
 
+use crate::co_visible::CoVisibleIds;
 use crate::evidence::EvidenceStore;
 use crate::features::{FeatureStore, SegmentCodes};
 use crate::recent::RecentFrames;
+use crate::saved_state::{SavedState, restored_runs, runs};
 use crate::segment_store::SegmentStore;
 use crate::segments::{SavedSegment, Segments};
-use crate::short_term::{ShortTermMemory, restored_runs, runs};
-use crate::shown_together::ShownTogether;
 use crate::{
     MemoryError, MemoryKind, MemoryRules, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView,
     SplatMemory, SurfaceKind,
@@ -36,7 +36,7 @@ pub enum LoadMemoryError {
     },
     /// The state that the file contains besides its Gaussians is invalid.
     #[error("{path}: invalid state besides the Gaussians: {found}")]
-    ShortTerm {
+    SavedState {
         /// The file.
         path: String,
         /// The problem.
@@ -89,8 +89,8 @@ impl SplatMemory {
         let sightings: Vec<u32> = live.iter().map(|segment| segment.sightings).collect();
         let carried: Vec<bool> = live.iter().map(|segment| segment.carried).collect();
         let is_observed = self.map.surfaces.iter().all(|surface| *surface == SurfaceKind::Observed);
-        let (together, crowded) = self.together.saved();
-        let short_term = ShortTermMemory {
+        let (together, crowded) = self.co_visible.saved();
+        let saved_state = SavedState {
             ids: self.segments.saved_ids(),
             recent: self.recent.saved(),
             anchors: runs(&self.map.anchors),
@@ -101,7 +101,7 @@ impl SplatMemory {
             keyframes: text(attached.keyframes),
             names: text(attached.names),
         };
-        let short_term = short_term.to_bytes();
+        let saved_state = saved_state.to_bytes();
         let view = SplatFileView {
             origin: self.origin,
             map: &self.map,
@@ -111,7 +111,7 @@ impl SplatMemory {
             sightings: &sightings,
             carried: &carried,
             frames: self.frames,
-            short_term: &short_term,
+            saved_state: &saved_state,
         };
         view.save(path.as_ref())
     }
@@ -124,7 +124,7 @@ impl SplatMemory {
     pub fn load(path: impl AsRef<Path>, settings: MemorySettings) -> Result<Self, LoadMemoryError> {
         settings.validate().map_err(MemoryError::from)?;
         let path = path.as_ref();
-        let SplatFile { origin, mut map, content, ids, sightings, carried, frames, short_term, segment_ids: _ } =
+        let SplatFile { origin, mut map, content, ids, sightings, carried, frames, saved_state, segment_ids: _ } =
             SplatFile::load(path)?;
         let live = ids.into_iter().zip(sightings).zip(carried);
         let live: Vec<SavedSegment> =
@@ -133,15 +133,15 @@ impl SplatMemory {
             MemoryKind::Evidence => MemoryRules::default().largest_id,
             MemoryKind::Features => FeatureStore::rules_of(&settings).largest_id,
         };
-        let restored = ShortTermMemory::from_bytes(&short_term).and_then(|saved| {
+        let restored = SavedState::from_bytes(&saved_state).and_then(|saved| {
             let segments = Segments::restored(&live, saved.ids.clone(), largest_id)?;
             let recent = RecentFrames::restored(saved.recent, segments.highest())?;
             map.anchors = restored_runs("keyframes", &saved.anchors, map.len(), 0)?;
             map.surfaces = restored_runs("surfaces", &saved.surfaces, map.len(), SurfaceKind::Observed)?;
-            let together = ShownTogether::restored((saved.together, saved.crowded));
+            let together = CoVisibleIds::restored((saved.together, saved.crowded));
             Ok((segments, recent, together, saved.remapped, (saved.keyframes, saved.names)))
         });
-        let damaged = |found| LoadMemoryError::ShortTerm { path: path.display().to_string(), found };
+        let damaged = |found| LoadMemoryError::SavedState { path: path.display().to_string(), found };
         let (segments, recent, together, remapped, (keyframes, names)) = restored.map_err(damaged)?;
         let (path, found, expected) = (path.display().to_string(), content.kind(), settings.kind);
         if found != expected {
@@ -160,7 +160,7 @@ impl SplatMemory {
         };
         let mut memory = Self::with_parts(settings, map, store, segments);
         (memory.frames, memory.origin) = (frames, origin);
-        (memory.recent, memory.together) = (recent, together);
+        (memory.recent, memory.co_visible) = (recent, together);
         memory.remapped = remapped.into_iter().collect();
         memory.keyframes = (!keyframes.is_empty()).then(|| keyframes.into_bytes());
         memory.names = (!names.is_empty()).then(|| names.into_bytes());

@@ -1,6 +1,6 @@
 //! The memory as seen by one frame's camera.
 
-use crate::removal::{FrameTrust, Sight, VisibleBalls, sights};
+use crate::removal::{FrameTrust, Visibility, VisibleBalls, visibilities};
 use crate::{MemoryRules, MemorySettings, SegmentBelief, SplatMemory};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image, LocalPose, Pose, RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap};
@@ -27,7 +27,7 @@ pub struct Recall<'f> {
     /// True if the ids of the previous frame are expected where the map shows none.
     pub(crate) links_previous: bool,
     /// How the frame sees every Gaussian; empty where no rule needs it.
-    pub(crate) sights: Vec<Sight>,
+    pub(crate) visibility: Vec<Visibility>,
     pub(crate) belief: SegmentBelief,
     /// Rendered silhouette (accumulated alpha) in [0, 1], `[height, width]`.
     pub(crate) silhouette: Image<f32>,
@@ -79,13 +79,13 @@ impl<'f> Recall<'f> {
         (settings, rules): (&MemorySettings, &MemoryRules),
     ) -> Self {
         let is_papers_map = rules.is_papers_map();
-        let needs_sights = !is_papers_map || rules.compares_frames;
-        let (sights, contradicts_map) = match needs_sights {
-            true => sights(map, frame, camera, trust, settings),
+        let needs_visibility = !is_papers_map || rules.compares_frames;
+        let (visibility, contradicts_map) = match needs_visibility {
+            true => visibilities(map, frame, camera, trust, settings),
             false => (Vec::new(), false),
         };
         let forgets = !is_papers_map && settings.removal_frames > 0;
-        let visible = VisibleBalls::new(map, if forgets { &sights } else { &[] });
+        let visible = VisibleBalls::new(map, if forgets { &visibility } else { &[] });
         let (view, tiles) = View::read(&visible, camera, |tile| {
             let surface = TileSurface::read(tile, frame.depth(), settings);
             (read_tile(tile, &surface), surface)
@@ -99,7 +99,7 @@ impl<'f> Recall<'f> {
             jump: None,
             contradicts_map,
             links_previous: false,
-            sights,
+            visibility,
             belief: SegmentBelief::empty(width, height),
             silhouette: Image::filled(width, height, 0.0),
             depth: Image::filled(width, height, 0.0),

@@ -96,15 +96,15 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
 
     /// True if ids can be renamed and Gaussians absorbed. The default is false, and then the two methods for that are
     /// never called.
-    fn can_merge(&self) -> bool {
+    fn can_remap(&self) -> bool {
         false
     }
 
     /// Replaces ids, `names[old] = new`: the new id gets the votes of the old one.
-    fn rename(&mut self, _names: &BTreeMap<SegmentId, SegmentId>) {}
+    fn remap(&mut self, _names: &BTreeMap<SegmentId, SegmentId>) {}
 
     /// Adds what Gaussian `from` remembers to Gaussian `into`. `from` is removed afterwards.
-    fn absorb(&mut self, _from: usize, _into: usize) {}
+    fn merge_gaussian(&mut self, _from: usize, _into: usize) {}
 
     /// Number of parameters per Gaussian for segments.
     fn numbers_per_gaussian(&self) -> usize;

@@ -44,12 +44,12 @@ pub(crate) struct Segments {
     given: u64,
     /// The largest id.
     limit: SegmentId,
-    /// Ids that the memory holds, or that were given out since the last [`Self::settle`].
+    /// Ids that the memory holds, or that were given out since the last [`Self::release_ids`].
     live: BTreeMap<SegmentId, LiveSegment>,
     released: ReleasedIds,
     /// Ids to keep even if no Gaussian holds them.
     held: BTreeSet<SegmentId>,
-    /// Live ids whose state may have changed since [`Self::settle`].
+    /// Live ids whose state may have changed since [`Self::release_ids`].
     changed: BTreeSet<SegmentId>,
 }
 
@@ -58,7 +58,7 @@ pub(crate) struct Segments {
 struct LiveSegment {
     /// Frames in which a prediction had the id.
     sightings: u32,
-    /// True if the id was carried at the last [`Segments::settle`]: shown by a Gaussian, or held.
+    /// True if the id was carried at the last [`Segments::release_ids`]: shown by a Gaussian, or held.
     carried: bool,
     hold: SegmentHold,
 }
@@ -82,7 +82,7 @@ pub(crate) struct SavedIds {
 
 /// Ids that the memory has lost.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(crate) struct Settled {
+pub(crate) struct LostIds {
     /// Ids that were carried and are not any more.
     pub forgotten: Vec<SegmentId>,
     /// Ids that the memory does not hold any more, not even as votes.
@@ -161,7 +161,7 @@ impl Segments {
         self.live.keys().copied()
     }
 
-    /// True if the id was carried at the last [`Self::settle`].
+    /// True if the id was carried at the last [`Self::release_ids`].
     pub fn is_carried(&self, id: SegmentId) -> bool {
         self.live.get(&id).is_some_and(|segment| segment.carried)
     }
@@ -221,7 +221,7 @@ impl Segments {
     }
 
     /// Adds the sightings of an id to those of another one that it turned out to be.
-    pub fn merge(&mut self, RemappedId { from, into }: RemappedId) {
+    pub fn remap(&mut self, RemappedId { from, into }: RemappedId) {
         let more = self.live.get(&from).map_or(0, |segment| segment.sightings);
         let kept = self.revive(into);
         kept.sightings = kept.sightings.saturating_add(more);
@@ -266,24 +266,24 @@ impl Segments {
 
     /// Compares the state with that at the last call. Returns the ids that the memory has lost, and releases those seen
     /// too rarely.
-    pub fn settle(&mut self) -> Settled {
-        let mut settled = Settled::default();
+    pub fn release_ids(&mut self) -> LostIds {
+        let mut lost_ids = LostIds::default();
         for id in std::mem::take(&mut self.changed) {
             let Some(segment) = self.live.get_mut(&id) else { continue };
             let was_carried = segment.carried;
             segment.carried = segment.hold == SegmentHold::Shown || self.held.contains(&id);
             let LiveSegment { sightings, carried, hold, .. } = *segment;
             if was_carried && !carried {
-                settled.forgotten.push(id);
+                lost_ids.forgotten.push(id);
             }
             if !carried && hold == SegmentHold::Nothing {
                 self.live.remove(&id);
-                settled.lost.push(id);
+                lost_ids.lost.push(id);
                 if sightings < CONFIRMED {
                     self.released.push_last(id, sightings);
                 }
             }
         }
-        settled
+        lost_ids
     }
 }

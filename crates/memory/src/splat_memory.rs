@@ -1,14 +1,14 @@
 //! The memory itself: its state, and the steps of each frame.
 
+use crate::co_visible::CoVisibleIds;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
 use crate::growth::new_gaussians;
 use crate::map::{SplatMap, SurfaceKind};
 use crate::recent::RecentFrames;
-use crate::removal::{FrameTrust, Sight, longest_unseen, record_sights, sights};
+use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
 use crate::segment_store::SegmentStore;
-use crate::segments::{Segments, Settled};
-use crate::shown_together::ShownTogether;
+use crate::segments::{LostIds, Segments};
 use crate::{LearningExtent, MemoryError, MemoryKind, MemoryRules, MemorySettings, Recall};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -42,7 +42,7 @@ pub struct SplatMemory {
     pub(crate) frames: u32,
     /// Where the present frame's surfaces are attached.
     pub(crate) anchor: FrameAnchor,
-    pub(crate) together: ShownTogether,
+    pub(crate) co_visible: CoVisibleIds,
     /// Ids that turned out to be older ones' objects, with those.
     pub(crate) remapped: BTreeMap<SegmentId, SegmentId>,
     /// The keyframes that a loaded file contains.
@@ -65,7 +65,7 @@ pub struct FrameUpdate {
     /// this frame on.
     pub new_segments: Vec<SegmentId>,
     /// Ids of the frames before this one, whose poses were unknown, that turned out to be ids of the map: see
-    /// [`SplatMemory::recognise`].
+    /// [`SplatMemory::remap_recognised`].
     pub remapped: Vec<RemappedId>,
     /// Extent of the learning.
     pub learning: LearningExtent,
@@ -114,7 +114,7 @@ impl SplatMemory {
             recent: RecentFrames::default(),
             frames: 0,
             anchor: FrameAnchor::default(),
-            together: ShownTogether::default(),
+            co_visible: CoVisibleIds::default(),
             remapped: BTreeMap::new(),
             keyframes: None,
             names: None,
@@ -166,7 +166,7 @@ impl SplatMemory {
         self.check_predictions(&recall, predicted)?;
         let mut update =
             FrameUpdate { new_segments: self.segments.record_sightings(predicted), ..FrameUpdate::default() };
-        if self.is_astray(&recall) {
+        if self.register_distance(&recall) {
             self.recent.record(&recall, predicted, &self.settings);
             self.frames = self.frames.saturating_add(1);
             return Ok(update);
@@ -186,7 +186,7 @@ impl SplatMemory {
 
         let _stage = tracing::debug_span!(target: STAGE_TARGET, "grow").entered();
         update.removed = self.remove_gone(&recall);
-        update.forgotten = self.settle(update.removed > 0).forgotten;
+        update.forgotten = self.release_ids(update.removed > 0).forgotten;
         self.frames = self.frames.saturating_add(1);
         Ok(update)
     }
@@ -196,11 +196,11 @@ impl SplatMemory {
     ///
     /// # Errors
     /// If `predicted` contains an id that does not exist.
-    pub fn record_unplaced(&mut self, predicted: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
+    pub fn record_without_pose(&mut self, predicted: &SegmentMap) -> Result<FrameUpdate, MemoryError> {
         self.check_ids(predicted)?;
         let new_segments = self.segments.record_sightings(predicted);
-        self.recent.record_unplaced(predicted);
-        let forgotten = self.settle(false).forgotten;
+        self.recent.record_without_pose(predicted);
+        let forgotten = self.release_ids(false).forgotten;
         self.frames = self.frames.saturating_add(1);
         Ok(FrameUpdate { new_segments, forgotten, ..FrameUpdate::default() })
     }
@@ -212,14 +212,14 @@ impl SplatMemory {
     }
 
     /// The ids of the latest frame if its pose was unknown, `[height, width]`, 0 for none: its predictions.
-    pub fn unplaced_ids(&self) -> Option<&SegmentMap> {
-        self.recent.unplaced_ids()
+    pub fn ids_without_pose(&self) -> Option<&SegmentMap> {
+        self.recent.ids_without_pose()
     }
 
     /// Says that the next frame was taken at another time than the latest one, as in a later run with the same map. If
     /// its pose is unknown, its masks do not get the ids of the latest frame's masks at the same pixels.
-    pub fn interrupt(&mut self) {
-        self.recent.interrupt();
+    pub fn start_session(&mut self) {
+        self.recent.start_session();
     }
 
     /// Removes the Gaussians of surfaces that are gone, and the ones unseen for longest if there are too many. Returns
@@ -233,16 +233,17 @@ impl SplatMemory {
             }
         } else {
             let found;
-            let sights: &[Sight] = if recall.sights.is_empty() {
+            let visibility: &[Visibility] = if recall.visibility.is_empty() {
                 let camera = recall.view.camera();
-                found = sights(&self.map.balls, recall.frame, camera, FrameTrust::Alone, &self.settings).0;
+                found = visibilities(&self.map.balls, recall.frame, camera, FrameTrust::Alone, &self.settings).0;
                 &found
             } else {
-                &recall.sights
+                &recall.visibility
             };
-            let certain = self.certain(sights);
-            let sights = certain.as_deref().unwrap_or(sights);
-            if let Some(keep) = record_sights(&mut self.map, sights, self.settings.removal_frames, self.frames) {
+            let certain = self.without_uncertain_anchors(visibility);
+            let visibility = certain.as_deref().unwrap_or(visibility);
+            if let Some(keep) = record_visibility(&mut self.map, visibility, self.settings.removal_frames, self.frames)
+            {
                 self.retain(&keep);
             }
         }
@@ -259,15 +260,15 @@ impl SplatMemory {
         before - self.map.len()
     }
 
-    /// The sights without those through surfaces whose pose relative to the camera is uncertain: they may only look gone.
+    /// The visibility without those through surfaces whose pose relative to the camera is uncertain: they may only look gone.
     /// `None` if there are no such surfaces.
-    fn certain(&self, sights: &[Sight]) -> Option<Vec<Sight>> {
+    fn without_uncertain_anchors(&self, visibility: &[Visibility]) -> Option<Vec<Visibility>> {
         let uncertain = &self.anchor.uncertain;
-        let certain = |(sight, anchor): (&Sight, &KeyframeId)| match sight {
-            Sight::SeenThrough if uncertain.contains(anchor) => Sight::Unknown,
-            sight => *sight,
+        let certain = |(seen, anchor): (&Visibility, &KeyframeId)| match seen {
+            Visibility::SeenThrough if uncertain.contains(anchor) => Visibility::Unknown,
+            seen => *seen,
         };
-        (!uncertain.is_empty()).then(|| sights.par_iter().zip(&self.map.anchors).map(certain).collect())
+        (!uncertain.is_empty()).then(|| visibility.par_iter().zip(&self.map.anchors).map(certain).collect())
     }
 
     fn retain(&mut self, keep: &[bool]) {
@@ -276,7 +277,7 @@ impl SplatMemory {
     }
 
     /// Finds the ids that the memory has lost. `has_removed` is true if Gaussians were removed in this frame.
-    fn settle(&mut self, has_removed: bool) -> Settled {
+    fn release_ids(&mut self, has_removed: bool) -> LostIds {
         let holds = self.store.changed_holds();
         if let Some(holds) = &holds {
             self.segments.set_holds(holds);
@@ -286,15 +287,15 @@ impl SplatMemory {
         let is_needed = !self.rules.is_papers_map() || self.segments.are_short_ids_given();
         let may_have_changed = has_removed || (is_due && is_needed);
         if !may_have_changed {
-            return Settled::default();
+            return LostIds::default();
         }
         if holds.is_none() {
             self.segments.set_shown(&distinct(&self.segment_ids()));
         }
         self.segments.set_held(self.recent.held_ids());
-        let settled = self.segments.settle();
-        self.together.remove(&settled.lost);
-        settled
+        let lost_ids = self.segments.release_ids();
+        self.co_visible.remove(&lost_ids.lost);
+        lost_ids
     }
 
     /// True if the map follows when the poses jump. The paper's does not, and tracked poses only jump with a correction.

@@ -18,7 +18,7 @@ pub trait PoseSource: Send {
 
     /// Announces the next frame: its index in its source, and the corrected poses of earlier frames that became known with
     /// it, by increasing index. Only poses that come with the frames are corrected from outside.
-    fn announce(&mut self, _index: usize, _corrected: &[(usize, Pose)]) {}
+    fn begin_frame(&mut self, _index: usize, _corrected: &[(usize, Pose)]) {}
 
     /// The keyframe to which the surfaces of the latest frame are attached.
     fn anchor(&self) -> FrameAnchor {
@@ -63,7 +63,7 @@ pub trait PoseSource: Send {
     }
 
     /// Doubts of the tracked frames about the camera's focal length, a sentence each. Empty if nothing is conspicuous.
-    fn doubts(&self) -> Vec<String> {
+    fn calibration_warnings(&self) -> Vec<String> {
         Vec::new()
     }
 

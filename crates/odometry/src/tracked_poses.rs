@@ -241,7 +241,7 @@ impl PoseSource for TrackedPoses {
         self.odometry.set_segments(segments);
     }
 
-    fn announce(&mut self, index: usize, corrected: &[(usize, Pose)]) {
+    fn begin_frame(&mut self, index: usize, corrected: &[(usize, Pose)]) {
         self.index = index;
         if !corrected.is_empty() && !self.is_tracked() {
             self.correction = self.map.correct_given(corrected);
@@ -285,7 +285,7 @@ impl PoseSource for TrackedPoses {
         Ok(())
     }
 
-    fn doubts(&self) -> Vec<String> {
+    fn calibration_warnings(&self) -> Vec<String> {
         self.odometry.focal_doubt().into_iter().chain(self.images.doubt()).collect()
     }
 

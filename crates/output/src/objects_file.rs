@@ -32,7 +32,7 @@ impl ObjectsFile {
         Ok(())
     }
 
-    /// Joins the sightings of objects. The crop of a joined object is cut again at the end, from the frame of its best
+    /// Joins the sightings of objects. The crop of a remapped object is cut again at the end, from the frame of its best
     /// view.
     fn join(&mut self, remapped: &[RemappedId]) {
         self.seen.remap(remapped);
@@ -88,7 +88,7 @@ impl RunOutput for ObjectsFile {
 
     fn update_frame(&mut self, frame: &UpdatedFrame<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
         self.crops.write_all(folder)?;
-        for id in frame.joined {
+        for id in frame.remapped {
             let Some(view) = self.seen.best_view_mut(*id).filter(|view| view.frame.number == frame.number) else {
                 continue;
             };

@@ -45,7 +45,7 @@ pub struct UpdatedFrame<'a> {
     /// Its final ids, `[height, width]`.
     pub segments: &'a SegmentMap,
     /// The ids that other ids in this frame turned out to be.
-    pub joined: &'a BTreeSet<SegmentId>,
+    pub remapped: &'a BTreeSet<SegmentId>,
 }
 
 /// A run after its last frame.

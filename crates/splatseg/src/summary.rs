@@ -33,7 +33,7 @@ pub struct Summary {
     /// Distinct ids in the results.
     pub segments: usize,
     /// Ids that turned out to be the same object as an older id, which has replaced them in all results.
-    pub joined_ids: usize,
+    pub remapped_ids: usize,
     /// Frames whose id image is RGB, id = R + 256 G + 65536 B, because an id is above 65535. The others are 16-bit grey.
     pub rgb_id_images: usize,
     /// Number of segments that are tentative: the memory has seen the object in one frame only.
@@ -186,7 +186,7 @@ pub struct RunCounts {
     /// Distinct ids in results.
     pub ids: BTreeSet<u32>,
     /// Ids that turned out to be the same object as an older id.
-    pub joined_ids: usize,
+    pub remapped_ids: usize,
     /// Frames with an id above 65535.
     pub rgb_id_images: usize,
     /// Summed stage times.
@@ -220,7 +220,7 @@ impl RunCounts {
 
     /// Counts ids that turned out to be the same object as an older id before the next frame.
     pub fn remap(&mut self, remapped: &[RemappedId]) {
-        self.joined_ids += remapped.len();
+        self.remapped_ids += remapped.len();
         for RemappedId { from, into } in remapped {
             if self.ids.remove(from) {
                 self.ids.insert(*into);

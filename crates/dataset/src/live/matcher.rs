@@ -1,10 +1,10 @@
 //! Matching of a stream's messages into frames: what a caller sees, and what becomes of each message.
 
-use super::chosen::Chosen;
 use super::coordinate_frames::CoordinateFrames;
 use super::counts::{DropCounts, MatchCounts};
 use super::limits::MatchLimits;
-use super::matched_frame::{FramesInCommon, MatchedFrame, STREAM};
+use super::stream_topics::StreamTopics;
+use super::undecoded_frame::{FramesInCommon, STREAM, UndecodedFrame};
 use super::waiting::{Pair, WaitingImage, WaitingImages};
 use crate::frame_checks::FrameChecks;
 use crate::own_camera::OwnCamera;
@@ -58,12 +58,12 @@ pub struct FrameMatcher {
     pub(super) settings: DatasetSettings,
     pub(super) limits: MatchLimits,
     pub(super) contents: Contents,
-    pub(super) chosen: Option<Chosen>,
+    pub(super) chosen: Option<StreamTopics>,
     /// Why no topics are chosen yet.
     pub(super) undecided: Option<DatasetError>,
     pub(super) images: WaitingImages,
     pub(super) pairs: VecDeque<Pair>,
-    pub(super) complete: VecDeque<MatchedFrame>,
+    pub(super) complete: VecDeque<UndecodedFrame>,
     pub(super) common: Arc<FramesInCommon>,
     /// Without what [`Self::counts`] adds.
     pub(super) counts: MatchCounts,
@@ -146,7 +146,7 @@ impl FrameMatcher {
 
     /// Returns the next complete frame, the newest unless [`MatchLimits::complete`] lets more wait. `received` is the
     /// time, as in [`Self::feed`].
-    pub fn take(&mut self, received: Duration) -> Option<MatchedFrame> {
+    pub fn take(&mut self, received: Duration) -> Option<UndecodedFrame> {
         // Nothing waits before the first message.
         if self.counts.messages > 0 {
             self.pass_time(received);

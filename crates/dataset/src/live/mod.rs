@@ -17,17 +17,17 @@
 //!
 //! Corrected paths (`nav_msgs/msg/Path`) are not used yet.
 
-mod chosen;
 mod coordinate_frames;
 mod counts;
+mod frame_completion;
 mod limits;
-mod matched_frame;
 mod matcher;
-mod matching;
+mod stream_topics;
+mod undecoded_frame;
 mod waiting;
 
 pub use coordinate_frames::CoordinateFrames;
 pub use counts::{DropCounts, MatchCounts};
 pub use limits::MatchLimits;
-pub use matched_frame::MatchedFrame;
 pub use matcher::FrameMatcher;
+pub use undecoded_frame::UndecodedFrame;

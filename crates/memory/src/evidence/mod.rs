@@ -241,11 +241,11 @@ impl SegmentStore for EvidenceStore {
         retain(&mut self.votes, keep);
     }
 
-    fn can_merge(&self) -> bool {
+    fn can_remap(&self) -> bool {
         true
     }
 
-    fn rename(&mut self, names: &BTreeMap<SegmentId, SegmentId>) {
+    fn remap(&mut self, names: &BTreeMap<SegmentId, SegmentId>) {
         let mut changes = CensusChanges::default();
         for votes in &mut self.votes {
             if votes.iter().any(|(id, _)| names.contains_key(&id)) {
@@ -257,7 +257,7 @@ impl SegmentStore for EvidenceStore {
         self.census.apply(changes);
     }
 
-    fn absorb(&mut self, from: usize, into: usize) {
+    fn merge_gaussian(&mut self, from: usize, into: usize) {
         let (more, before) = (self.votes[from], self.votes[into]);
         let votes = &mut self.votes[into];
         more.iter().for_each(|(id, more)| votes.add(id, more));

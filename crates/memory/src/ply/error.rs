@@ -151,7 +151,7 @@ pub enum SplatFileError {
     },
     /// The state besides the Gaussians is longer than is read or written.
     #[error("{}: {found} bytes of state besides the Gaussians, expected at most {max}", path.display())]
-    ShortTerm {
+    SavedState {
         /// The file.
         path: PathBuf,
         /// Length of the state, bytes.
@@ -171,7 +171,7 @@ pub enum SplatFileError {
     },
     /// The state besides the Gaussians is damaged.
     #[error("invalid state besides the Gaussians: {found}")]
-    DamagedShortTerm {
+    DamagedSavedState {
         /// The problem.
         found: String,
     },

@@ -5,7 +5,7 @@ use super::record::{LOGIT_OF_1, harmonic};
 use super::{SplatContentView, SplatFile, SplatFileError};
 use crate::SplatMemory;
 use crate::map::{SplatMap, SurfaceKind};
-use crate::short_term::saved_surfaces;
+use crate::saved_state::saved_surfaces;
 use glam::{DVec3, Vec3};
 use splatseg_geometry::SegmentId;
 use std::io::{self, Write};
@@ -102,9 +102,9 @@ impl SplatFile {
     /// were observed.
     ///
     /// # Errors
-    /// If the text in `short_term`, which contains it, is damaged.
+    /// If the text in `saved_state`, which contains it, is damaged.
     pub fn surfaces(&self) -> Result<Vec<SurfaceKind>, SplatFileError> {
-        saved_surfaces(&self.short_term, self.map.len()).map_err(|found| SplatFileError::DamagedShortTerm { found })
+        saved_surfaces(&self.saved_state, self.map.len()).map_err(|found| SplatFileError::DamagedSavedState { found })
     }
 }
 

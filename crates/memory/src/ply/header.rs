@@ -51,7 +51,7 @@ fn format(sizes: &Sizes, origin: DVec3) -> String {
     if let Layout::Features { feature_dim, codes } = sizes.layout {
         let _ = write!(text, "feature_dim {feature_dim} codes {codes} ");
     }
-    let _ = writeln!(text, "segments {segments} short_term {}", sizes.short_term);
+    let _ = writeln!(text, "segments {segments} short_term {}", sizes.saved_state);
     text.push_str(&origin_comment(origin));
     let _ = writeln!(text, "element vertex {}", sizes.gaussians);
     for (kind, name) in sizes.layout.properties() {
@@ -97,7 +97,7 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
     let Some(announced) = announced else {
         return Err(SplatFileError::NotAMemory { path: path.to_owned() });
     };
-    let (layout, segments, short_term) = read_announcement(announced, path)?;
+    let (layout, segments, saved_state) = read_announcement(announced, path)?;
     let origin = read_origin(&lines, path)?;
     let mut body = lines.into_iter().filter(|line| !line.starts_with("comment ") && !line.starts_with("format "));
     let element = body.next().unwrap_or_default();
@@ -111,7 +111,7 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
             return Err(header_error(path, found, &format!("{expected:?}")));
         }
     }
-    let sizes = Sizes { gaussians, segments, layout, short_term };
+    let sizes = Sizes { gaussians, segments, layout, saved_state };
     sizes.check(path)?;
     Ok(Header { sizes, origin, bytes })
 }
@@ -134,10 +134,10 @@ fn read_announcement(announced: &str, path: &Path) -> Result<(Layout, u64, u64),
         _ => None,
     };
     let counts = match *rest {
-        ["segments", segments, "short_term", short_term] => segments.parse().ok().zip(short_term.parse().ok()),
+        ["segments", segments, "short_term", saved_state] => segments.parse().ok().zip(saved_state.parse().ok()),
         _ => None,
     };
-    let read = layout.zip(counts).map(|(layout, (segments, short_term))| (layout, segments, short_term));
+    let read = layout.zip(counts).map(|(layout, (segments, saved_state))| (layout, segments, saved_state));
     read.ok_or_else(|| {
         let expected = "version, kind evidence, segments and short_term, or version, kind features, feature_dim, codes, \
                         segments and short_term";

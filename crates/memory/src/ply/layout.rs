@@ -2,7 +2,7 @@
 
 use super::error::SplatFileError;
 use super::{SplatContentView, SplatFileView};
-use crate::short_term::MAX_BYTES;
+use crate::saved_state::MAX_BYTES;
 use crate::{MAX_SEGMENT_ID, MemoryKind, Votes};
 use std::path::Path;
 
@@ -40,7 +40,7 @@ pub struct Sizes {
     /// Kind of content and its sizes.
     pub layout: Layout,
     /// Bytes of the short-term state.
-    pub short_term: u64,
+    pub saved_state: u64,
 }
 
 impl Layout {
@@ -56,14 +56,14 @@ impl Layout {
     pub fn properties(self) -> impl Iterator<Item = (&'static str, String)> {
         let named = |(kind, name): (&'static str, &str)| (kind, name.to_owned());
         let floats = FLOAT_PROPERTIES.map(|name| ("float", name));
-        let sights = [("uint", "last_seen"), ("int", "seen_through")];
+        let visibility = [("uint", "last_seen"), ("int", "seen_through")];
         let (slots, feature_dim) = match self {
             Self::Evidence => (Votes::SLOTS, 0),
             Self::Features { feature_dim, .. } => (0, feature_dim),
         };
         let votes = |slot| [("int", format!("vote_id_{slot}")), ("float", format!("votes_{slot}"))];
         let features = (0..feature_dim).map(|channel| ("float", format!("feature_{channel}")));
-        let fixed = floats.into_iter().chain(sights).map(named);
+        let fixed = floats.into_iter().chain(visibility).map(named);
         fixed.chain((0..slots).flat_map(votes)).chain(features).chain(std::iter::once(named(("int", "segment_id"))))
     }
 
@@ -98,7 +98,7 @@ impl Sizes {
             gaussians: view.map.len() as u64,
             segments: view.ids.len() as u64,
             layout,
-            short_term: view.short_term.len() as u64,
+            saved_state: view.saved_state.len() as u64,
         }
     }
 
@@ -109,16 +109,16 @@ impl Sizes {
         if found > max {
             return Err(SplatFileError::Segments { path: path.to_owned(), found, max });
         }
-        let (found, max) = (self.short_term, MAX_BYTES);
+        let (found, max) = (self.saved_state, MAX_BYTES);
         if found > max {
-            return Err(SplatFileError::ShortTerm { path: path.to_owned(), found, max });
+            return Err(SplatFileError::SavedState { path: path.to_owned(), found, max });
         }
         Ok(())
     }
 
     /// Describes the content for error messages.
     pub fn description(&self) -> String {
-        let Self { gaussians, segments, layout, short_term: _ } = self;
+        let Self { gaussians, segments, layout, saved_state: _ } = self;
         match layout {
             Layout::Evidence => format!("{gaussians} Gaussians with votes and {segments} segments"),
             Layout::Features { feature_dim, codes } => {

@@ -57,11 +57,11 @@
 //! | ids | `u32` `[segments]` | the live ids, in increasing order |
 //! | sightings | `u32` `[segments]` | frames in which a prediction had the id |
 //! | carried | `u8` `[segments]` | 1 if the id was carried at the last check, else 0 |
-//! | short term | `u8` `[short_term]` | state of the memory besides its Gaussians |
+//! | short term | `u8` `[saved_state]` | state of the memory besides its Gaussians |
 //! | checksum | `u32` | CRC-32 (zlib's) of every byte of the file before it |
 //!
-//! State that the memory keeps for a few frames is in the text at the end of the block (`short_term` bytes of JSON, see
-//! `short_term.rs`), and so is what is known about the place of each Gaussian: `surfaces`, runs of a kind (`observed`,
+//! State that the memory keeps for a few frames is in the text at the end of the block (`saved_state` bytes of JSON, see
+//! `saved_state.rs`), and so is what is known about the place of each Gaussian: `surfaces`, runs of a kind (`observed`,
 //! `continued` or `assumed`) and a length. Without it, all were observed.
 //!
 //! The block is not a second PLY element because two browser viewers (antimatter15/splat, gsplat.js) count every
@@ -119,7 +119,7 @@ pub struct SplatFile {
     /// Number of frames learnt.
     pub frames: u32,
     /// State of the memory besides its Gaussians, in the memory's own text format; may be empty.
-    pub short_term: Vec<u8>,
+    pub saved_state: Vec<u8>,
 }
 
 /// The segments that Gaussians remember.
@@ -159,7 +159,7 @@ pub struct SplatFileView<'a> {
     /// Number of frames learnt.
     pub frames: u32,
     /// State of the memory besides its Gaussians, in the memory's own text format; may be empty.
-    pub short_term: &'a [u8],
+    pub saved_state: &'a [u8],
 }
 
 /// Borrowed [`SplatContent`].
@@ -209,7 +209,7 @@ impl SplatFile {
             sightings: &self.sightings,
             carried: &self.carried,
             frames: self.frames,
-            short_term: &self.short_term,
+            saved_state: &self.saved_state,
         }
     }
 

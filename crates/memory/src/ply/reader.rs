@@ -61,12 +61,12 @@ fn read_records(sizes: &Sizes, input: &mut Input<'_>) -> Result<(Records, Result
 
 fn assemble(origin: DVec3, records: Records, contents: Contents, path: &Path) -> Result<SplatFile, SplatFileError> {
     let Records { map, votes, features, segment_ids } = records;
-    let Contents { frames, codebook, ids, sightings, carried, short_term } = contents;
+    let Contents { frames, codebook, ids, sightings, carried, saved_state } = contents;
     record::check_last_seen(&map.last_seen, frames, path)?;
     record::check_ids(&segment_ids, &votes, &ids, path)?;
     let content = match codebook {
         None => SplatContent::Evidence { votes },
         Some(codebook) => SplatContent::Features { features, codebook },
     };
-    Ok(SplatFile { origin, map, content, segment_ids, ids, sightings, carried, frames, short_term })
+    Ok(SplatFile { origin, map, content, segment_ids, ids, sightings, carried, frames, saved_state })
 }

@@ -37,7 +37,7 @@ fn bytes(sizes: &Sizes) -> u64 {
         }
     };
     let segments = sizes.segments.saturating_mul(SEGMENT_BYTES);
-    segments.saturating_add(sizes.short_term).saturating_add(codebook).saturating_add(HEAD_BYTES + CHECKSUM_BYTES)
+    segments.saturating_add(sizes.saved_state).saturating_add(codebook).saturating_add(HEAD_BYTES + CHECKSUM_BYTES)
 }
 
 /// Writes the block up to the checksum.
@@ -57,7 +57,7 @@ pub fn write<W: Write>(view: &SplatFileView<'_>, sizes: &Sizes, output: &mut Out
     output.write_words(view.sightings.iter().map(|count| count.to_le_bytes()))?;
     let carried: Vec<u8> = view.carried.iter().copied().map(u8::from).collect();
     output.write(&carried)?;
-    output.write(view.short_term)
+    output.write(view.saved_state)
 }
 
 /// The block as read from a file, before it is checked.
@@ -71,7 +71,7 @@ pub struct Trailer {
     ids: Vec<SegmentId>,
     sightings: Vec<u32>,
     carried: Vec<u8>,
-    short_term: Vec<u8>,
+    saved_state: Vec<u8>,
 }
 
 struct Codes {
@@ -96,7 +96,7 @@ pub struct Contents {
     /// True for each id that was carried.
     pub carried: Vec<bool>,
     /// State of the memory besides its Gaussians.
-    pub short_term: Vec<u8>,
+    pub saved_state: Vec<u8>,
 }
 
 impl Trailer {
@@ -125,10 +125,10 @@ impl Trailer {
                 input.read(&mut carried)?;
                 carried
             },
-            short_term: {
-                let mut short_term = vec![0; sizes.short_term as usize];
-                input.read(&mut short_term)?;
-                short_term
+            saved_state: {
+                let mut saved_state = vec![0; sizes.saved_state as usize];
+                input.read(&mut saved_state)?;
+                saved_state
             },
         })
     }
@@ -146,8 +146,8 @@ impl Trailer {
         }
         check_ids(&self.ids, sizes, path)?;
         let carried = self.carried.into_iter().map(|carried| carried == 1).collect();
-        let Self { frames, ids, sightings, short_term, .. } = self;
-        Ok(Contents { frames, codebook, ids, sightings, carried, short_term })
+        let Self { frames, ids, sightings, saved_state, .. } = self;
+        Ok(Contents { frames, codebook, ids, sightings, carried, saved_state })
     }
 }
 

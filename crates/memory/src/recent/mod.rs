@@ -48,9 +48,9 @@ pub(crate) struct RecentFrames {
     /// Number of frames in a row that were taken far from the map.
     far_frames: u8,
     /// The ids of the latest frame, `[height, width]`, if its pose was unknown.
-    unplaced: Option<SegmentMap>,
+    without_pose: Option<SegmentMap>,
     /// True if the next frame was taken at another time than the latest one. Not saved: true until the first frame.
-    is_interrupted: bool,
+    starts_session: bool,
 }
 
 /// The previous frame.
@@ -134,36 +134,36 @@ impl RecentFrames {
         }
         let before = self.previous.as_ref().map(|previous| previous.sketch.map_from_camera);
         let motion = before.map_or(LocalPose::IDENTITY, |before| before.inverse() * sketch.map_from_camera);
-        (self.unplaced, self.is_interrupted) = (None, false);
+        (self.without_pose, self.starts_session) = (None, false);
         self.previous =
             Some(PreviousFrame { sketch, ids: predicted.clone(), motion, is_linked: recall.links_previous });
     }
 
     /// Records the ids of a frame whose pose is unknown.
-    pub fn record_unplaced(&mut self, ids: &SegmentMap) {
-        (self.unplaced, self.is_interrupted) = (Some(ids.clone()), false);
+    pub fn record_without_pose(&mut self, ids: &SegmentMap) {
+        (self.without_pose, self.starts_session) = (Some(ids.clone()), false);
     }
 
     /// Says that the next frame was taken at another time: its image does not continue the latest one.
-    pub fn interrupt(&mut self) {
-        (self.unplaced, self.is_interrupted) = (None, true);
+    pub fn start_session(&mut self) {
+        (self.without_pose, self.starts_session) = (None, true);
     }
 
     /// The ids of the latest frame, `[height, width]`, if its pose was unknown.
-    pub fn unplaced_ids(&self) -> Option<&SegmentMap> {
-        self.unplaced.as_ref()
+    pub fn ids_without_pose(&self) -> Option<&SegmentMap> {
+        self.without_pose.as_ref()
     }
 
     /// The ids of the latest frame, `[height, width]`, unless the next one was taken at another time.
     pub fn latest_ids(&self) -> Option<&SegmentMap> {
-        let previous = || self.previous.as_ref().filter(|_| !self.is_interrupted);
-        self.unplaced.as_ref().or_else(|| Some(&previous()?.ids))
+        let previous = || self.previous.as_ref().filter(|_| !self.starts_session);
+        self.without_pose.as_ref().or_else(|| Some(&previous()?.ids))
     }
 
     /// Returns the ids that must not be forgotten even if no Gaussian has them, in increasing order.
     pub fn held_ids(&self) -> BTreeSet<SegmentId> {
         let linked = self.previous.as_ref().filter(|previous| previous.is_linked).map(|previous| &previous.ids);
-        linked.into_iter().chain(&self.unplaced).flat_map(|ids| ids.areas().into_keys()).collect()
+        linked.into_iter().chain(&self.without_pose).flat_map(|ids| ids.areas().into_keys()).collect()
     }
 
     /// Moves all frames to other coordinates, together with the map.
@@ -175,8 +175,8 @@ impl RecentFrames {
     }
 
     /// Replaces ids, `names[old] = new`.
-    pub fn rename(&mut self, names: &BTreeMap<SegmentId, SegmentId>) {
-        let ids = self.previous.iter_mut().map(|previous| &mut previous.ids).chain(&mut self.unplaced);
+    pub fn remap(&mut self, names: &BTreeMap<SegmentId, SegmentId>) {
+        let ids = self.previous.iter_mut().map(|previous| &mut previous.ids).chain(&mut self.without_pose);
         for id in ids.flat_map(|ids| ids.pixels_mut()) {
             *id = names.get(id).copied().unwrap_or(*id);
         }

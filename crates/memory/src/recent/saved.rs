@@ -14,7 +14,8 @@ pub(crate) struct SavedRecentFrames {
     #[serde(default)]
     far_frames: u8,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    unplaced: Option<SavedIds>,
+    #[serde(rename = "unplaced")]
+    without_pose: Option<SavedIds>,
 }
 
 /// A segment map.
@@ -57,9 +58,12 @@ impl RecentFrames {
             is_linked: previous.is_linked,
         });
         let contradicting = self.contradicting.iter().map(Sketch::saved).collect();
-        let unplaced =
-            self.unplaced.as_ref().map(|ids| SavedIds { width: ids.width(), height: ids.height(), runs: runs(ids) });
-        SavedRecentFrames { previous, contradicting, far_frames: self.far_frames, unplaced }
+        let without_pose = self.without_pose.as_ref().map(|ids| SavedIds {
+            width: ids.width(),
+            height: ids.height(),
+            runs: runs(ids),
+        });
+        SavedRecentFrames { previous, contradicting, far_frames: self.far_frames, without_pose }
     }
 
     /// Restores the frames of a memory whose largest id is `highest`.
@@ -67,14 +71,14 @@ impl RecentFrames {
     /// # Errors
     /// If the values are invalid, or the ids would take more memory than the limit.
     pub fn restored(saved: SavedRecentFrames, highest: SegmentId) -> Result<Self, String> {
-        let SavedRecentFrames { previous, contradicting, far_frames, unplaced } = saved;
+        let SavedRecentFrames { previous, contradicting, far_frames, without_pose } = saved;
         if contradicting.len() > CONFIRMING_FRAMES {
             return Err(format!("{} contradicting frames, expected at most {CONFIRMING_FRAMES}", contradicting.len()));
         }
         let previous = previous.map(|previous| previous.restored(highest)).transpose()?;
         let contradicting = contradicting.into_iter().map(SavedSketch::restored).collect::<Result<_, _>>()?;
-        let unplaced = unplaced.map(|ids| ids.restored(highest)).transpose()?;
-        Ok(Self { previous, contradicting, far_frames, unplaced, is_interrupted: false })
+        let without_pose = without_pose.map(|ids| ids.restored(highest)).transpose()?;
+        Ok(Self { previous, contradicting, far_frames, without_pose, starts_session: false })
     }
 }
 
@@ -148,9 +152,9 @@ mod tests {
             motion: LocalPose::IDENTITY,
             is_linked: true,
         };
-        let unplaced = Some(SavedIds { width: 2, height: 2, runs: vec![(0, 1), (2, 3)] });
+        let without_pose = Some(SavedIds { width: 2, height: 2, runs: vec![(0, 1), (2, 3)] });
         let contradicting = vec![sketch; CONFIRMING_FRAMES];
-        SavedRecentFrames { previous: Some(previous), contradicting, far_frames: 2, unplaced }
+        SavedRecentFrames { previous: Some(previous), contradicting, far_frames: 2, without_pose }
     }
 
     #[test]
@@ -162,7 +166,7 @@ mod tests {
     #[test]
     fn damaged_ones_are_refused() {
         let changes: [fn(&mut SavedRecentFrames); 9] = [
-            |saved| saved.unplaced.as_mut().unwrap().height = 3,
+            |saved| saved.without_pose.as_mut().unwrap().height = 3,
             |saved| saved.contradicting.push(saved.contradicting[0].clone()),
             |saved| saved.contradicting[1].depth.truncate(11),
             |saved| saved.contradicting[1].depth[3] = f32::NAN,

@@ -12,7 +12,7 @@ fn segments() -> Segments {
 fn flash(segments: &mut Segments, count: usize) -> Vec<SegmentId> {
     let ids: Vec<SegmentId> = (0..count).map(|_| segments.add()).collect();
     segments.record_sightings(&predicted(&ids));
-    segments.settle();
+    segments.release_ids();
     ids
 }
 
@@ -21,7 +21,7 @@ fn confirm(segments: &mut Segments) -> SegmentId {
     let id = segments.add();
     (0..2).for_each(|_| drop(segments.record_sightings(&predicted(&[id]))));
     segments.set_holds(&[(id, SegmentHold::Shown)]);
-    segments.settle();
+    segments.release_ids();
     id
 }
 
@@ -47,14 +47,14 @@ fn ids_count_up_and_are_new_when_a_prediction_has_them_for_the_first_time() {
 fn an_id_is_forgotten_when_it_was_carried_and_is_not_any_more() {
     let mut segments = segments();
     let ids = [(); 2].map(|()| confirm(&mut segments));
-    assert_eq!(segments.settle(), Settled::default());
+    assert_eq!(segments.release_ids(), LostIds::default());
     segments.set_holds(&[(ids[0], SegmentHold::Votes), (ids[1], SegmentHold::Nothing)]);
     segments.set_held(BTreeSet::from([ids[1]]));
-    assert_eq!(segments.settle(), Settled { forgotten: vec![ids[0]], lost: vec![] }, "the other is held");
+    assert_eq!(segments.release_ids(), LostIds { forgotten: vec![ids[0]], lost: vec![] }, "the other is held");
     segments.set_held(BTreeSet::new());
-    assert_eq!(segments.settle(), Settled { forgotten: vec![ids[1]], lost: vec![ids[1]] });
+    assert_eq!(segments.release_ids(), LostIds { forgotten: vec![ids[1]], lost: vec![ids[1]] });
     segments.set_holds(&[(ids[0], SegmentHold::Nothing)]);
-    assert_eq!(segments.settle(), Settled { forgotten: vec![], lost: vec![ids[0]] });
+    assert_eq!(segments.release_ids(), LostIds { forgotten: vec![], lost: vec![ids[0]] });
     assert!(segments.live.is_empty() && !segments.is_tentative(ids[0]));
     assert_eq!(segments.add(), 3, "an id seen twice is not reused");
 }
@@ -68,11 +68,11 @@ fn ids_that_fit_16_bits_are_given_first_then_released_ones_and_only_then_larger_
         (0..1 + usize::from(keep)).for_each(|_| drop(segments.record_sightings(&predicted(&[id]))));
         segments.set_holds(&[(id, SegmentHold::Shown)]);
     }
-    segments.settle();
+    segments.release_ids();
     // 9 is lost before 7.
     for id in [9, 7] {
         segments.set_holds(&[(id, SegmentHold::Nothing)]);
-        assert_eq!(segments.settle(), Settled { forgotten: vec![id], lost: vec![id] });
+        assert_eq!(segments.release_ids(), LostIds { forgotten: vec![id], lost: vec![id] });
         assert!(segments.is_tentative(id));
     }
     assert_eq!([segments.add(), segments.add(), segments.add()], [9, 7, 65_536]);
@@ -93,7 +93,7 @@ fn an_id_is_not_given_again_while_votes_for_it_are_left_or_after_it_was_seen_aga
     assert_eq!(id, 1);
     segments.record_sightings(&predicted(&[id]));
     segments.set_holds(&[(id, SegmentHold::Votes)]);
-    segments.settle();
+    segments.release_ids();
     assert_eq!([segments.add(), segments.add()], [3, 65_536]);
 }
 
@@ -103,7 +103,7 @@ fn after_the_largest_id_come_those_that_nothing_holds() {
     let ids = [(); 5].map(|()| confirm(&mut segments));
     assert_eq!(ids, [1, 2, 3, 4, 5]);
     segments.set_holds(&[(2, SegmentHold::Nothing), (4, SegmentHold::Nothing)]);
-    segments.settle();
+    segments.release_ids();
     assert_eq!([segments.add(), segments.add()], [2, 4]);
     // With more objects than ids, two share an id, and nothing fails.
     assert!((1..=5).contains(&segments.add()));
@@ -139,7 +139,7 @@ fn restored_ids_continue_unchanged() {
             holds.extend(held.first().map(|id| (*id, [SegmentHold::Votes, SegmentHold::Nothing][frame % 2])));
             holds.reverse();
             segments.set_holds(&holds);
-            (ids, new, shown, segments.settle(), segments.saved_live(), segments.saved_ids())
+            (ids, new, shown, segments.release_ids(), segments.saved_live(), segments.saved_ids())
         });
         assert_eq!(steps[0], steps[1], "frame {frame}");
         held = segments.live().collect();

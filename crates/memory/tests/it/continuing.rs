@@ -157,12 +157,12 @@ fn state_besides_the_gaussians_is_checked() {
     for (from, to) in
         [("\"fx\":60.0", "\"fx\":-60.0"), ("\"ids\":[[", "\"ids\":[[7,1],["), ("\"given\":3", "\"given\":\"3\"")]
     {
-        let text = String::from_utf8(whole.short_term.clone()).unwrap();
+        let text = String::from_utf8(whole.saved_state.clone()).unwrap();
         assert!(text.contains(from), "{from} in {text}");
-        let damaged = SplatFile { short_term: text.replacen(from, to, 1).into_bytes(), ..whole.clone() };
+        let damaged = SplatFile { saved_state: text.replacen(from, to, 1).into_bytes(), ..whole.clone() };
         damaged.save(&path).unwrap();
         let error = SplatMemory::load(&path, settings.clone()).unwrap_err();
-        assert!(matches!(&error, LoadMemoryError::ShortTerm { .. }), "{to}: {error}");
+        assert!(matches!(&error, LoadMemoryError::SavedState { .. }), "{to}: {error}");
         assert!(error.to_string().lines().count() == 1 && error.to_string().contains("memory.ply"), "{error}");
     }
 }

@@ -198,19 +198,19 @@ fn ids_of_frames_without_a_pose_turn_out_to_be_those_of_the_map() {
     let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
     new_ids(&mut memory, 6);
     see(&mut memory, Pose::IDENTITY, &anchor(0, &[]), &stripes(&[1, 2, 3]));
-    memory.interrupt();
+    memory.start_session();
     assert!(memory.latest_ids().is_none(), "the latest frame was taken at another time");
-    let unplaced = stripes(&[4, 5, 6]);
-    memory.record_unplaced(&unplaced).unwrap();
-    memory.record_shown(&unplaced);
-    assert_eq!(memory.latest_ids(), Some(&unplaced));
+    let without_pose = stripes(&[4, 5, 6]);
+    memory.record_without_pose(&without_pose).unwrap();
+    memory.record_shown(&without_pose);
+    assert_eq!(memory.latest_ids(), Some(&without_pose));
 
     // Found again: two things are those of the map, the third is another one.
     let frame = frame(Pose::IDENTITY);
-    let remapped = memory.recognise(&stripes(&[1, 2, 6]));
+    let remapped = memory.remap_recognised(&stripes(&[1, 2, 6]));
     assert_eq!(pairs(&remapped), [(4, 1), (5, 2)]);
     let recall = memory.recall(&frame);
     memory.update(recall, &stripes(&[1, 2, 6]), &BTreeSet::new()).unwrap();
     assert_eq!(memory.remapped_ids().len(), 2);
-    assert!(memory.recognise(&stripes(&[1, 2, 6])).is_empty());
+    assert!(memory.remap_recognised(&stripes(&[1, 2, 6])).is_empty());
 }

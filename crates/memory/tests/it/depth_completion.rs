@@ -399,8 +399,8 @@ fn what_is_known_about_places_survives_saving_removal_and_jumps() {
 
     // A damaged list is refused.
     let mut file = SplatFile::load(&path).unwrap();
-    let text = String::from_utf8(file.short_term.clone()).unwrap();
-    file.short_term = text.replacen("\"surfaces\":[", "\"surfaces\":[[\"observed\",1],", 1).into_bytes();
+    let text = String::from_utf8(file.saved_state.clone()).unwrap();
+    file.saved_state = text.replacen("\"surfaces\":[", "\"surfaces\":[[\"observed\",1],", 1).into_bytes();
     assert!(file.surfaces().unwrap_err().to_string().contains("surfaces of"));
     file.save(&path).unwrap();
     let refused = SplatMemory::load(&path, MemorySettings::default()).unwrap_err().to_string();

@@ -164,7 +164,7 @@ impl Run {
         }
         print("", &|_| true);
         let poses = self.tracked.iter().map(|frame| frame.key_from_camera);
-        self.poses.doubts().iter().for_each(|doubt| println!("doubt: {doubt}"));
+        self.poses.calibration_warnings().iter().for_each(|doubt| println!("doubt: {doubt}"));
         println!("hash of the poses: {:016x}", segments::hash(poses));
         let bytes = self.poses.keyframes().map_or(0, |bytes| bytes.len());
         println!("saved keyframes: {:.1} kB each", bytes as f64 / 1e3 / keyframes.len().max(1) as f64);

@@ -11,14 +11,14 @@ fn keyframes_move_with_the_corrected_poses_of_their_frames() {
         |number: usize| Pose::from_translation(glam::DVec3::new(0.0, 0.05 * number as f64, 0.0)) * pose(number);
     let mut poses = TrackedPoses::new(PoseMode::Given);
     for number in 0..4 {
-        poses.announce(number, &[]);
+        poses.begin_frame(number, &[]);
         poses.pose(&render(&corner(), &pose(number)), Some(&pose(number))).unwrap();
         assert!(poses.take_correction().is_none());
         assert_eq!(poses.anchor().world_from_keyframe, pose(number));
     }
     // Frame 2 has no corrected pose: its keyframe moves like that of frame 1.
     let corrected: Vec<(usize, Pose)> = [1, 3].map(|number| (number, shifted(number))).to_vec();
-    poses.announce(4, &corrected);
+    poses.begin_frame(4, &corrected);
     let correction = poses.take_correction().unwrap();
     assert_eq!(correction.new_from_old.keys().copied().collect::<Vec<_>>(), [1, 2, 3]);
     let found = poses.keyframe_poses();

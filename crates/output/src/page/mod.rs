@@ -219,7 +219,7 @@ impl RunOutput for Page {
 
     fn update_frame(&mut self, frame: &UpdatedFrame<'_>, _: &mut dyn ResultFolder) -> Result<(), OutputError> {
         let areas = frame.segments.areas();
-        for id in frame.joined {
+        for id in frame.remapped {
             if let (Some(object), Some(area)) = (self.objects.get_mut(id), areas.get(id)) {
                 object.largest = larger(object.largest, (*area, frame.position));
             }

@@ -123,11 +123,11 @@ fn write_run(path: &Path, stops: &[usize], corrections: &[Option<Pose>]) {
     }
     let mut remaps = RemapLog::default();
     remaps.add(FOUND, &[RemappedId { from: 5, into: 3 }]);
-    let joined = BTreeSet::from([3]);
+    let remapped = BTreeSet::from([3]);
     for (number, record) in records.iter().enumerate().take(FOUND) {
         let color = record.frame.color();
         let frame =
-            UpdatedFrame { position: number, number, color, segments: &final_segments(number), joined: &joined };
+            UpdatedFrame { position: number, number, color, segments: &final_segments(number), remapped: &remapped };
         written.iter_mut().for_each(|output| output.update_frame(&frame, &mut folder).unwrap());
     }
     let objects = ObjectList::new(&log, None);

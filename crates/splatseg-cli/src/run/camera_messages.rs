@@ -43,11 +43,11 @@ impl CameraMessages {
     }
 
     /// Records a frame. Returns messages if tracking was lost or has resumed, and about what was found out with the frame.
-    /// `joined_ids` is the number of ids that turned out to be the same object as others.
-    pub fn add(&mut self, frame: &str, pose: &CameraPose, events: &[PoseEvent], joined_ids: usize) -> Vec<String> {
+    /// `remapped_ids` is the number of ids that turned out to be the same object as others.
+    pub fn add(&mut self, frame: &str, pose: &CameraPose, events: &[PoseEvent], remapped_ids: usize) -> Vec<String> {
         let before = self.state.replace(pose.state);
         let mut messages: Vec<(&str, String)> =
-            events.iter().filter_map(|event| Some(("", described_event(event, joined_ids)?))).collect();
+            events.iter().filter_map(|event| Some(("", described_event(event, remapped_ids)?))).collect();
         match (before, pose.state) {
             (None, PoseState::Lost) if self.is_unplaced => {
                 messages.push(("", "the camera's place in the loaded map is searched for".to_owned()));
@@ -80,7 +80,7 @@ impl CameraMessages {
     }
 }
 
-fn described_event(event: &PoseEvent, joined_ids: usize) -> Option<String> {
+fn described_event(event: &PoseEvent, remapped_ids: usize) -> Option<String> {
     Some(match *event {
         PoseEvent::FoundAgain { lost_frames } => {
             format!("the camera was found again in the map, after {}", counted(lost_frames, "frame"))
@@ -94,11 +94,11 @@ fn described_event(event: &PoseEvent, joined_ids: usize) -> Option<String> {
             format!("the camera was not found in {map} for {frames}: a new part of the map begins")
         }
         PoseEvent::LoopClosed { keyframes, joined_parts: true, .. } => {
-            let (keyframes, ids) = (counted(keyframes, "keyframe"), joined(joined_ids));
+            let (keyframes, ids) = (counted(keyframes, "keyframe"), remapped(remapped_ids));
             format!("a new part of the map was joined with the rest: {keyframes} moved{ids}")
         }
         PoseEvent::LoopClosed { moved, keyframes, joined_parts: false } => {
-            let (keyframes, ids, moved) = (counted(keyframes, "keyframe"), joined(joined_ids), 100.0 * moved);
+            let (keyframes, ids, moved) = (counted(keyframes, "keyframe"), remapped(remapped_ids), 100.0 * moved);
             format!("loop closed: the camera moved by {moved:.1} cm; {keyframes} corrected{ids}")
         }
         // `PoseEvent` may get more kinds.
@@ -106,8 +106,8 @@ fn described_event(event: &PoseEvent, joined_ids: usize) -> Option<String> {
     })
 }
 
-fn joined(ids: usize) -> String {
-    if ids == 0 { String::new() } else { format!(", {} joined with others", counted(ids, "id")) }
+fn remapped(ids: usize) -> String {
+    if ids == 0 { String::new() } else { format!(", {} remapped to older ones", counted(ids, "id")) }
 }
 
 /// Returns a warning if the depth fits the tracked camera badly in most frames.
@@ -147,11 +147,13 @@ mod tests {
         let closed = |joined_parts| PoseEvent::LoopClosed { moved: 0.034, keyframes: 41, joined_parts };
         assert_eq!(
             add(PoseState::Tracked, &[closed(false)]),
-            ["frame 7: loop closed: the camera moved by 3.4 cm; 41 keyframes corrected, 3 ids joined with others"]
+            ["frame 7: loop closed: the camera moved by 3.4 cm; 41 keyframes corrected, 3 ids remapped to older ones"]
         );
         assert_eq!(
             add(PoseState::Tracked, &[closed(true)]),
-            ["frame 7: a new part of the map was joined with the rest: 41 keyframes moved, 3 ids joined with others"]
+            [
+                "frame 7: a new part of the map was joined with the rest: 41 keyframes moved, 3 ids remapped to older ones"
+            ]
         );
         assert_eq!(
             add(PoseState::Tracked, &[PoseEvent::NewPart { lost_frames: 90, was_loaded: false }]),

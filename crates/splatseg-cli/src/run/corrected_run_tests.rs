@@ -185,7 +185,7 @@ fn all_results_have_the_final_ids_and_poses() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let summary = run(&out, None, None).unwrap();
-    assert!(summary.error.is_none() && summary.joined_ids == 59, "{:?}", summary.error);
+    assert!(summary.error.is_none() && summary.remapped_ids == 59, "{:?}", summary.error);
     let settings = Settings::default();
     let scene = splatseg_dataset::open_scene(Path::new(ROOM), &settings.dataset).unwrap();
     for frame in 0..18 {
@@ -242,7 +242,7 @@ fn a_stopped_run_with_a_correction_goes_on_to_the_same_bytes() {
         assert!(found[path] == *bytes, "{} differs", path.display());
     }
     let [whole, out] = [&whole, &out].map(|out| read_json(&out.join("summary.json")));
-    for key in ["joined_ids", "segments", "rgb_id_images", "frames"] {
+    for key in ["remapped_ids", "segments", "rgb_id_images", "frames"] {
         assert_eq!(whole[key], out[key], "{key}");
     }
 }

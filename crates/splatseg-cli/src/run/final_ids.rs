@@ -46,14 +46,14 @@ pub fn update_frames(
         frames += 1;
         match images.read(frame.index) {
             Ok(image) => {
-                let joined: BTreeSet<SegmentId> = ids.into_values().collect();
+                let remapped: BTreeSet<SegmentId> = ids.into_values().collect();
                 let (number, color, segments) = (frame.number, image.color(), &segments);
                 let [_, overlay] = result_files(&frame.file_name);
                 if let Err(error) = written.folder.write_overlay(&overlay, color, segments) {
                     written.output_errors.push(error);
                     break;
                 }
-                let updated = UpdatedFrame { position, number, color, segments, joined: &joined };
+                let updated = UpdatedFrame { position, number, color, segments, remapped: &remapped };
                 written.for_each_output(|output, folder| output.update_frame(&updated, folder));
             }
             Err(error) => drop(unread.get_or_insert(error)),

@@ -101,7 +101,7 @@ impl FrameHistory {
 
     /// Sets the number of frames that show each joined object. The log of objects counts frames twice that showed both
     /// parts.
-    pub fn count_joined(&self, list: &mut ObjectList) {
+    pub fn count_remapped(&self, list: &mut ObjectList) {
         let joined: BTreeSet<SegmentId> = self.remaps.entries().iter().map(|(_, remapped)| remapped.into).collect();
         if joined.is_empty() {
             return;
@@ -170,7 +170,7 @@ mod tests {
         assert_eq!(history.unjoined_frames(&BTreeMap::from([(0, 0), (1, 1)])), 2);
         assert_eq!(history.unjoined_frames(&BTreeMap::from([(0, 1), (1, 1)])), 0);
         let mut list = ObjectList::new(&ObjectLog::default(), None);
-        history.count_joined(&mut list);
+        history.count_remapped(&mut list);
         assert!(list.objects.is_empty());
     }
 }

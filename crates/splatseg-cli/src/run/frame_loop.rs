@@ -130,7 +130,7 @@ impl FrameLoop<'_> {
         progress.finish();
         let early = early.or_else(|| self.tell(&frames.take_last_doubts(), &progress));
         let not_found = reports.camera.at_end().map(str::to_owned);
-        let doubts = frames.pose_doubts();
+        let doubts = frames.calibration_warnings();
         let at_end = reports.skipped.messages().chain(not_found).chain(misfit(&counts)).chain(doubts);
         at_end.for_each(|message| progress.warn(&message));
         Ok(LoopOutcome { counts, written: writer.finish(), early })

@@ -239,7 +239,7 @@ fn finish_outputs(
     let images = FrameImages { scene, framing: job.settings.dataset.framing() };
     update_frames(&mut ended.written, &history, &images, &mut ended.counts);
     let mut objects = pipeline.object_list();
-    history.count_joined(&mut objects);
+    history.count_remapped(&mut objects);
     ended.counts.unjoined_frames = history.unjoined_frames(&pipeline.keyframe_parts());
     let end = RunEnd {
         scene: &job.scene.display().to_string(),

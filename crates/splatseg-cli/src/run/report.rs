@@ -104,7 +104,7 @@ fn summary(
         unjoined_frames: counts.unjoined_frames,
         pose_residual: counts.pose_residual(),
         segments: counts.ids.len(),
-        joined_ids: counts.joined_ids,
+        remapped_ids: counts.remapped_ids,
         rgb_id_images: counts.rgb_id_images,
         tentative_segments: counts.ids.iter().filter(is_tentative).count(),
         gaussians: memory.map_or(0, SplatMemory::gaussian_count),
@@ -172,9 +172,9 @@ pub fn report(job: &RunJob, summary: &Summary) -> String {
             counted(summary.unjoined_frames, "frame")
         ));
     }
-    if summary.joined_ids > 0 {
-        let joined = counted(summary.joined_ids, "id");
-        text.push_str(&format!("\n{joined} turned out to be the same object as an older id, which all results show"));
+    if summary.remapped_ids > 0 {
+        let remapped = counted(summary.remapped_ids, "id");
+        text.push_str(&format!("\n{remapped} turned out to be the same object as an older id, which all results show"));
     }
     if let Some(path) = &job.save_memory {
         text.push_str(&format!("\nthe memory is in {}: open it in any Gaussian-splat viewer", path.display()));

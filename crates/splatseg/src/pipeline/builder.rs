@@ -230,7 +230,7 @@ impl<'a> PipelineBuilder<'a> {
                 self.keyframes = memory.take_keyframes();
                 self.naming.names = take_names(&mut memory, path)?;
                 if self.saved_poses.is_none() {
-                    memory.interrupt();
+                    memory.start_session();
                 }
                 memory
             }

@@ -62,9 +62,9 @@ impl<'p, S: FrameSource> Frames<'p, S> {
         self.pipeline.pose_state()
     }
 
-    /// Doubts about the camera after the latest frame; see [`Pipeline::pose_doubts`].
-    pub fn pose_doubts(&self) -> Vec<String> {
-        self.pipeline.pose_doubts()
+    /// Doubts about the camera after the latest frame; see [`Pipeline::calibration_warnings`].
+    pub fn calibration_warnings(&self) -> Vec<String> {
+        self.pipeline.calibration_warnings()
     }
 
     /// Contradictions that no result has told; see [`Pipeline::take_last_doubts`].
@@ -90,7 +90,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
         };
         let corrected: Vec<(usize, Pose)> =
             corrections.iter().map(|correction| (correction.frame, correction.world_from_camera)).collect();
-        pipeline.poses.announce(index, &corrected);
+        pipeline.poses.begin_frame(index, &corrected);
         let (pose, pose_time) =
             match timed(|| in_thread_pool(|| pipeline.poses.pose(&frame, world_from_camera.as_ref()))) {
                 (Ok(pose), time) => (pose, time),

@@ -115,7 +115,7 @@ impl Pipeline {
     /// can still be processed. [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device
     /// failed: no later frame can be processed.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
-        self.poses.announce(self.objects.frames(), &[]);
+        self.poses.begin_frame(self.objects.frames(), &[]);
         let (pose, time) = timed(|| in_thread_pool(|| self.poses.pose(frame, Some(frame.world_from_camera()))));
         let pose = pose?;
         if pose.world_from_camera == *frame.world_from_camera() {
@@ -129,7 +129,7 @@ impl Pipeline {
     /// # Errors
     /// As [`Self::step`].
     pub fn step_unposed(&mut self, frame: CameraFrame<'_>) -> Result<FrameResult, PipelineError> {
-        self.poses.announce(self.objects.frames(), &[]);
+        self.poses.begin_frame(self.objects.frames(), &[]);
         let (pose, time) = timed(|| in_thread_pool(|| self.poses.pose(&frame, None)));
         let pose = pose?;
         self.step_at_pose(&frame.at(pose.world_from_camera), pose, time)
@@ -139,7 +139,7 @@ impl Pipeline {
     /// 0, and its pose, by increasing number. The map moves with them before the next frame is processed. Tracked poses
     /// are not changed.
     pub fn correct_poses(&mut self, corrected: &[(usize, Pose)]) {
-        self.poses.announce(self.objects.frames(), corrected);
+        self.poses.begin_frame(self.objects.frames(), corrected);
     }
 
     fn step_at_pose(
@@ -238,9 +238,9 @@ impl Pipeline {
         self.poses.save()
     }
 
-    /// Doubts of the tracked frames about the camera's focal length, a sentence each; see [`PoseSource::doubts`].
-    pub fn pose_doubts(&self) -> Vec<String> {
-        self.poses.doubts()
+    /// Doubts of the tracked frames about the camera's focal length, a sentence each; see [`PoseSource::calibration_warnings`].
+    pub fn calibration_warnings(&self) -> Vec<String> {
+        self.poses.calibration_warnings()
     }
 
     /// Returns, after the last frame, contradictions between what came with the frames and what they show that no result
@@ -300,7 +300,7 @@ fn process(
         source => PipelineError::Segmenter { frame: name(), source: Box::new(source) },
     })?;
     let (output, mut times) = clock.time(|| match pose.state {
-        PoseState::Lost => method.process_unplaced(frame, &masks),
+        PoseState::Lost => method.process_without_pose(frame, &masks),
         _ => method.process(frame, &masks),
     });
     let output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;

@@ -129,7 +129,7 @@ impl FastSamSplat {
     /// Gives masks without an id that of the previous frame, if its pose was unknown.
     fn keep_unplaced_ids(&self, masks: &[&Mask], matched: &mut [Option<SegmentId>]) {
         let size = masks.first().map(|mask| (mask.width(), mask.height()));
-        let Some(unplaced) = self.memory.unplaced_ids().filter(|ids| Some(ids.size()) == size) else { return };
+        let Some(unplaced) = self.memory.ids_without_pose().filter(|ids| Some(ids.size()) == size) else { return };
         let taken: BTreeSet<SegmentId> = matched.iter().flatten().copied().collect();
         let unplaced = unplaced.clone().map(|id| if taken.contains(id) { 0 } else { *id });
         let unmatched: Vec<usize> = (0..masks.len()).filter(|index| matched[*index].is_none()).collect();
@@ -193,7 +193,7 @@ impl Method for FastSamSplat {
         let confidence = confidence(&segments, &scores, Some(recall.expected()));
         drop(stage);
 
-        let remapped = self.memory.recognise(&segments);
+        let remapped = self.memory.remap_recognised(&segments);
         for RemappedId { from, into } in &remapped {
             contradicted.remove(from);
             predicted.pixels_mut().iter_mut().filter(|id| *id == from).for_each(|id| *id = *into);
@@ -215,7 +215,7 @@ impl Method for FastSamSplat {
         })
     }
 
-    fn process_unplaced(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+    fn process_without_pose(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         check_sizes(frame, masks)?;
         let found = self.visible(frame, masks);
         let parts: Vec<&Mask> = found.parts.iter().collect();
@@ -228,7 +228,7 @@ impl Method for FastSamSplat {
         let ids = linked.into_iter().map(|id| id.map_or_else(|| self.memory.new_segment(), Ok));
         let ids: Vec<SegmentId> = ids.collect::<Result<_, _>>()?;
         let predicted = painted_parts(size, ids.iter().copied().zip(&found.parts));
-        let update = self.memory.record_unplaced(&predicted)?;
+        let update = self.memory.record_without_pose(&predicted)?;
         let segments = predicted.without_small(self.settings.min_area);
         self.memory.record_shown(&segments);
         let scores = ids.iter().copied().zip(found.scores).collect();

@@ -38,7 +38,7 @@ pub trait Method: Send {
     ///
     /// # Errors
     /// As [`Self::process`].
-    fn process_unplaced(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+    fn process_without_pose(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         self.process(frame, masks)
     }
 

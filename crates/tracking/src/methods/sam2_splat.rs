@@ -166,7 +166,7 @@ impl Method for Sam2Splat {
 
         self.track_new_objects(&mut tracks, masks)?;
         let shown = Shown::new(frame, tracks, Some(recall.expected()));
-        let remapped = self.memory.recognise(&shown.segments);
+        let remapped = self.memory.remap_recognised(&shown.segments);
         let update = self.memory.update(recall, &shown.segments, &BTreeSet::new())?;
         let update = FrameUpdate { remapped, ..update };
         self.memory.record_shown(&shown.segments);
@@ -174,12 +174,12 @@ impl Method for Sam2Splat {
         Ok(shown.output(TrackErrorCounts::of(&errors), update))
     }
 
-    fn process_unplaced(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+    fn process_without_pose(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
         check_comparable(frame, masks)?;
         let mut tracks = self.tracks(frame)?;
         self.track_new_objects(&mut tracks, masks)?;
         let shown = Shown::new(frame, tracks, None);
-        let update = self.memory.record_unplaced(&shown.segments)?;
+        let update = self.memory.record_without_pose(&shown.segments)?;
         self.memory.record_shown(&shown.segments);
         self.drop_forgotten(&update.forgotten, &shown.masks);
         Ok(shown.output(TrackErrorCounts::default(), update))

@@ -76,7 +76,7 @@ fn viewers_find_their_properties() {
 #[test]
 fn the_block_after_the_vertices_is_as_documented() {
     for kind in KINDS {
-        let file = SplatFile { short_term: b"text".to_vec(), ..sample(kind, 2) };
+        let file = SplatFile { saved_state: b"text".to_vec(), ..sample(kind, 2) };
         let bytes = saved(&file);
         let block = &bytes[header_length(&bytes) + 2 * record_bytes(kind)..];
         assert_eq!(&block[..8], b"SPLATSEG");

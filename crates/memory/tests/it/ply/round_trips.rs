@@ -128,7 +128,7 @@ proptest! {
         gaussians in proptest::collection::vec(any_gaussian(), 0..6),
         sightings in any::<[u32; MAX_ID as usize]>(),
         carried in any::<[bool; MAX_ID as usize]>(),
-        short_term in any::<Vec<u8>>(),
+        saved_state in any::<Vec<u8>>(),
         origin in prop_oneof![Just([0.0; 3]), proptest::array::uniform3(-1e9f64..1e9)],
     ) {
         let origin = DVec3::from(origin);
@@ -145,10 +145,10 @@ proptest! {
         }
         let SplatContent::Features { codebook, .. } = features(0, 2) else { panic!("no codebook") };
         for content in [SplatContent::Evidence { votes: all_votes }, SplatContent::Features { features: all_features, codebook }] {
-            let (map, segment_ids, short_term) = (map.clone(), segment_ids.clone(), short_term.clone());
+            let (map, segment_ids, saved_state) = (map.clone(), segment_ids.clone(), saved_state.clone());
             let (sightings, carried) = (sightings.to_vec(), carried.to_vec());
             let ids = (1..=MAX_ID).collect();
-            let file = SplatFile { origin, map, content, segment_ids, ids, sightings, carried, frames: 9, short_term };
+            let file = SplatFile { origin, map, content, segment_ids, ids, sightings, carried, frames: 9, saved_state };
             prop_assert_eq!(&reloaded(&file), &file);
             // −0 equals 0, but their bytes differ.
             prop_assert_eq!(saved(&reloaded(&file)), saved(&file));

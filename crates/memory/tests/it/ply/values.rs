@@ -58,7 +58,7 @@ fn failed_saving_leaves_the_old_file() {
         refuses(|file| file.map.balls.radii.truncate(1), "radii has 1");
         refuses(|file| file.map.last_seen.push(0), "last_seen has 4");
         refuses(|file| file.map.seen_through.clear(), "seen_through has 0");
-        refuses(|file| file.short_term = vec![b' '; (1 << 28) + 1], "268435457 bytes of state besides the Gaussians");
+        refuses(|file| file.saved_state = vec![b' '; (1 << 28) + 1], "268435457 bytes of state besides the Gaussians");
         refuses(|file| file.origin.x = f64::MAX, "three numbers up to");
         refuses(|file| file.segment_ids.push(0), "segment_ids has 4");
         refuses(|file| file.carried.truncate(3), "carried has 3 entries, expected 4");

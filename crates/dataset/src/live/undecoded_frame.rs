@@ -30,7 +30,7 @@ pub(super) struct FramesInCommon {
 /// (decoding, undistortion, registration), so do this where it does not keep the [`FrameMatcher`](crate::FrameMatcher)
 /// from receiving messages.
 #[derive(Debug)]
-pub struct MatchedFrame {
+pub struct UndecodedFrame {
     pub(super) index: usize,
     pub(super) frame: PairedFrame,
     pub(super) color: Arc<[u8]>,
@@ -42,7 +42,7 @@ pub struct MatchedFrame {
     pub(super) common: Arc<FramesInCommon>,
 }
 
-impl MatchedFrame {
+impl UndecodedFrame {
     /// Returns the index of the frame among those given by its matcher, which is also its name.
     pub fn index(&self) -> usize {
         self.index

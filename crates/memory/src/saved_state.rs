@@ -16,7 +16,7 @@ pub(crate) const MAX_BYTES: u64 = 1 << 28;
 /// State saved besides the Gaussians. Unknown fields, from files of earlier versions, are ignored.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
-pub(crate) struct ShortTermMemory {
+pub(crate) struct SavedState {
     /// Ids that are not in use.
     pub ids: SavedIds,
     /// The last frames. Older files lack them.
@@ -45,7 +45,7 @@ pub(crate) struct ShortTermMemory {
     pub names: String,
 }
 
-impl ShortTermMemory {
+impl SavedState {
     /// Returns the text for a file; empty for the default state.
     pub fn to_bytes(&self) -> Vec<u8> {
         if *self == Self::default() {
@@ -95,7 +95,7 @@ pub(crate) fn restored_runs<T: Copy>(
 /// The surfaces in the text of a file with `count` Gaussians.
 ///
 /// # Errors
-/// As [`ShortTermMemory::from_bytes`], and if the runs have another length.
+/// As [`SavedState::from_bytes`], and if the runs have another length.
 pub(crate) fn saved_surfaces(bytes: &[u8], count: usize) -> Result<Vec<SurfaceKind>, String> {
     /// The rest of the text may be large.
     #[derive(Default, Deserialize)]

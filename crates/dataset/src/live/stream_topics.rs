@@ -1,7 +1,7 @@
 //! The topics chosen for a stream.
 
 use super::coordinate_frames::CoordinateFrames;
-use super::matched_frame::STREAM;
+use super::undecoded_frame::STREAM;
 use crate::ros_topics::choice::{Choice, Chooser, NoPoses, PoseChoice};
 use crate::ros_topics::contents::{Content, Contents, Images, Topic};
 use crate::ros_topics::frames::{FrameMaker, PoseSource};
@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// The topics used, by index in the stream's contents.
 #[derive(Debug)]
-pub(super) struct Chosen {
+pub(super) struct StreamTopics {
     pub(super) color: usize,
     pub(super) depth: usize,
     infos: [Option<usize>; 2],
@@ -23,7 +23,7 @@ pub(super) struct Chosen {
     pub(super) coordinate_frames: CoordinateFrames,
 }
 
-impl Chosen {
+impl StreamTopics {
     /// Chooses among the topics seen so far.
     ///
     /// # Errors

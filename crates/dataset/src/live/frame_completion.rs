@@ -1,9 +1,9 @@
 //! Matching of a stream's messages into frames: choice of topics, pairs, poses, and what is dropped.
 
-use super::chosen::Chosen;
 use super::counts::DropCounts;
-use super::matched_frame::MatchedFrame;
 use super::matcher::FrameMatcher;
+use super::stream_topics::StreamTopics;
+use super::undecoded_frame::UndecodedFrame;
 use super::waiting::Pair;
 use crate::ros_topics::choice::{NO_POSES, is_tree};
 use crate::ros_topics::contents::{Content, StampedPlace};
@@ -35,7 +35,7 @@ impl FrameMatcher {
         if self.images.len() == 0 || !(is_end || names_all || self.elapsed >= self.limits.settle) {
             return;
         }
-        match Chosen::new(&self.contents, settings) {
+        match StreamTopics::new(&self.contents, settings) {
             Ok(chosen) => {
                 self.undecided = None;
                 self.chosen = Some(chosen);
@@ -164,7 +164,7 @@ impl FrameMatcher {
             pose,
             cameras: (reader.color.cameras.at(&color), reader.depth.cameras.at(&depth)),
         };
-        self.complete.push_back(MatchedFrame {
+        self.complete.push_back(UndecodedFrame {
             index: 0,
             frame,
             color: Arc::clone(&color_image.data),
@@ -188,7 +188,7 @@ impl FrameMatcher {
     }
 
     /// Forgets the data of a frame's images.
-    pub(super) fn forget(&mut self, frame: &MatchedFrame) {
+    pub(super) fn forget(&mut self, frame: &UndecodedFrame) {
         for place in [frame.frame.color, frame.frame.depth] {
             self.images.remove(i64::try_from(place.offset).unwrap_or(i64::MAX));
         }
@@ -198,7 +198,7 @@ impl FrameMatcher {
     pub(super) fn drop_oldest(&mut self) {
         let Some((number, topic)) = self.images.oldest() else { return };
         let is_it = |image: &StampedPlace| image.recorded.number == number;
-        let is_of_frame = |frame: &MatchedFrame| {
+        let is_of_frame = |frame: &UndecodedFrame| {
             [frame.frame.color, frame.frame.depth].iter().any(|place| place.offset == number.unsigned_abs())
         };
         if self.complete.iter().any(is_of_frame) {

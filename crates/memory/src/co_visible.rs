@@ -18,12 +18,12 @@ const MAX_PAIRS: usize = 1 << 20;
 /// What is left then, so that this is not done for every frame.
 const KEPT_PAIRS: usize = MAX_PAIRS / 16 * 15;
 
-/// Saved form of [`ShownTogether`]: for each id the larger ones, and the crowded ids.
+/// Saved form of [`CoVisibleIds`]: for each id the larger ones, and the crowded ids.
 pub(crate) type SavedPairs = (Vec<(SegmentId, Vec<SegmentId>)>, Vec<SegmentId>);
 
 /// Pairs of ids that were shown side by side in one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct ShownTogether {
+pub(crate) struct CoVisibleIds {
     /// For each id the larger ones. Crowded ids are left out.
     larger: BTreeMap<SegmentId, BTreeSet<SegmentId>>,
     /// Number of these pairs.
@@ -32,7 +32,7 @@ pub(crate) struct ShownTogether {
     crowded: BTreeSet<SegmentId>,
 }
 
-impl ShownTogether {
+impl CoVisibleIds {
     /// Records the ids that a frame shows.
     pub fn record(&mut self, segments: &SegmentMap) {
         let ids: Vec<SegmentId> =
@@ -69,7 +69,7 @@ impl ShownTogether {
     }
 
     /// Transfers what is known about an id to another one.
-    pub fn rename(&mut self, RemappedId { from, into }: RemappedId) {
+    pub fn remap(&mut self, RemappedId { from, into }: RemappedId) {
         let mut others = self.larger.get(&from).cloned().unwrap_or_default();
         others.extend(self.larger.iter().filter(|(_, larger)| larger.contains(&from)).map(|(id, _)| *id));
         self.remove_pairs(&BTreeSet::from([from]));
@@ -167,39 +167,39 @@ mod tests {
 
     #[test]
     fn ids_of_a_frame_are_pairs_until_they_are_forgotten_or_renamed() {
-        let mut together = ShownTogether::default();
+        let mut together = CoVisibleIds::default();
         together.record(&frame([0, 2, 5, 9].into_iter()));
         together.record(&frame([5, 7].into_iter()));
         let listed = [(2, 5), (2, 9), (5, 7), (5, 9)];
         assert!(listed.iter().all(|(one, other)| together.contains(*other, *one)) && together.pairs == listed.len());
         assert!(!together.contains(2, 7) && !together.contains(0, 2));
-        together.rename(RemappedId { from: 9, into: 7 });
+        together.remap(RemappedId { from: 9, into: 7 });
         assert!(together.contains(2, 7) && together.contains(5, 7) && !together.contains(2, 9));
         assert_eq!(together.pairs, 3);
         together.remove(&[5, 3]);
         assert_eq!((together.pairs, together.contains(2, 7)), (1, true));
-        assert_eq!(ShownTogether::restored(together.saved()), together);
+        assert_eq!(CoVisibleIds::restored(together.saved()), together);
     }
 
     #[test]
     fn crowded_ids_are_never_merged_and_take_little() {
-        let mut together = ShownTogether::default();
+        let mut together = CoVisibleIds::default();
         together.record(&frame(1..=10));
         let many = 3_000;
         together.record(&frame(5..=many));
         assert!(together.contains(5, many) && together.contains(77, 1_000_000) && together.contains(1, 5));
         assert!(together.contains(1, 4) && !together.contains(1, 1_000_000));
         assert_eq!((together.pairs, together.crowded.len()), (6, many as usize - 4));
-        assert_eq!(ShownTogether::restored(together.saved()), together);
-        together.rename(RemappedId { from: 5, into: 2 });
+        assert_eq!(CoVisibleIds::restored(together.saved()), together);
+        together.remap(RemappedId { from: 5, into: 2 });
         assert!(together.contains(2, 1_000_000), "what is known of 5 is now known of 2");
         together.remove(&(1..=many).collect::<Vec<_>>());
-        assert_eq!(together, ShownTogether::default());
+        assert_eq!(together, CoVisibleIds::default());
     }
 
     #[test]
     fn however_many_ids_come_the_pairs_are_bounded_and_none_is_lost() {
-        let mut together = ShownTogether::default();
+        let mut together = CoVisibleIds::default();
         // One id is in every frame; the others are seen once.
         let ids = |number: SegmentId| (1..2).chain(2 + number * 1000..1002 + number * 1000);
         for number in 0..3 {
@@ -218,11 +218,11 @@ mod tests {
     #[test]
     fn the_pairs_of_older_files_are_bounded_too() {
         let all: Vec<(SegmentId, Vec<SegmentId>)> = (1..2000).map(|id| (id, (id + 1..=2000).collect())).collect();
-        let restored = ShownTogether::restored((all, Vec::new()));
+        let restored = CoVisibleIds::restored((all, Vec::new()));
         assert!(restored.pairs <= MAX_PAIRS && restored.contains(1, 2000) && restored.contains(1200, 1300));
         assert!(!restored.contains(2001, 2002));
         // Damaged ones, too.
-        let restored = ShownTogether::restored((vec![(5, vec![5, 3, 3])], vec![8]));
+        let restored = CoVisibleIds::restored((vec![(5, vec![5, 3, 3])], vec![8]));
         assert!(restored.contains(3, 5) && restored.contains(8, 9) && restored.pairs == 1);
     }
 }
