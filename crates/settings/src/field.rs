@@ -55,4 +55,10 @@ pub trait Section: Default {
 
     /// Returns the settings of this section and of the sections in it, in order of declaration.
     fn fields() -> Vec<Field>;
+
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// Names the first setting that is out of range.
+    fn validate(&self) -> Result<(), SettingError>;
 }

@@ -107,6 +107,11 @@ macro_rules! settings {
         impl $crate::Section for $name {
             const SECTION: &'static str = $section;
 
+            fn validate(&self) -> ::std::result::Result<(), $crate::SettingError> {
+                // The inherent function.
+                Self::validate(self)
+            }
+
             fn fields() -> ::std::vec::Vec<$crate::Field> {
                 [::std::vec![
                     $($crate::Field {

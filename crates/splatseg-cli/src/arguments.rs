@@ -19,9 +19,9 @@ use super::terminal::record_output_error;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatseg::Settings;
-use splatseg::settings::{
-    Entry, MethodName, MethodPreset, SegmenterName, SettingsLayers, TrackerName, describe, entries,
-};
+use splatseg::parts::{Part, PartKind};
+use splatseg::settings::{Entry, MethodName, MethodPreset, SettingsLayers, describe, entries};
+use splatseg::{Segmenter, Tracker};
 use splatseg_dataset::DepthRegistration;
 use splatseg_odometry::PoseMode;
 use splatseg_settings::{Allowed, Choice};
@@ -238,12 +238,17 @@ fn possible_values(entry: &Entry) -> Vec<PossibleValue> {
     fn with_help<T: Choice>() -> Vec<PossibleValue> {
         T::ALL.iter().map(|value| PossibleValue::new(value.name()).help(value.help())).collect()
     }
+    fn of_parts<T: PartKind + ?Sized>(names: &[&'static str]) -> Vec<PossibleValue> {
+        let parts = Part::<T>::all();
+        let part = |name| parts.iter().find(|part| part.name == name);
+        names.iter().filter_map(|name| Some(PossibleValue::new(*name).help(part(*name)?.help))).collect()
+    }
     match (entry.field.section, entry.field.name, entry.field.allowed) {
         ("", "method", _) => with_help::<MethodName>(),
         ("", "method_preset", _) => with_help::<MethodPreset>(),
-        ("", "segmenter", _) => with_help::<SegmenterName>(),
+        ("", "segmenter", Allowed::Names(names)) => of_parts::<dyn Segmenter>(names),
         ("", "poses", _) => with_help::<PoseMode>(),
-        ("", "tracker", _) => with_help::<TrackerName>(),
+        ("", "tracker", Allowed::Names(names)) => of_parts::<dyn Tracker>(names),
         ("dataset", "register_depth", _) => with_help::<DepthRegistration>(),
         (_, _, Allowed::Names(names)) => names.iter().map(|name| PossibleValue::new(*name)).collect(),
         _ => Vec::new(),

@@ -1,7 +1,7 @@
 #![doc = include_str!("library.md")]
 
 pub mod evaluation;
-mod parts;
+pub mod parts;
 pub mod pipeline;
 pub mod settings;
 pub mod summary;

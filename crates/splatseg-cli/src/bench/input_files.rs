@@ -249,7 +249,7 @@ fn hex(bytes: &[u8]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatseg::settings::SegmenterSettings;
+    use splatseg::settings::{MaskFolderSettings, SegmenterSettings};
 
     fn demo() -> PathBuf {
         concat!(env!("CARGO_MANIFEST_DIR"), "/demo").into()
@@ -320,8 +320,8 @@ mod tests {
         std::fs::write(&weights, "old").unwrap();
         std::thread::sleep(COARSEST_CLOCK + Duration::from_millis(1100));
         let mut settings = Settings::default();
-        let fastsam = splatseg_models::fastsam::FastSamPredictorSettings::default();
-        settings.segmenter = SegmenterSettings::Fastsam { weights: Some(weights.clone()), fastsam };
+        let fastsam = SegmenterSettings::of(splatseg_models::fastsam::FastSamPredictorSettings::default());
+        settings.segmenter = fastsam.with_file("weights", &weights);
         let hash = || {
             let hashes = InputHashes::open(folder.path());
             let found = hashes.of(Path::new("synthetic"), &settings, None).unwrap();
@@ -346,9 +346,10 @@ mod tests {
         let room = Path::new("synthetic:frames=3");
         assert_eq!(hashes.of(room, &Settings::default(), None), Ok(Vec::new()));
         let mut masks = Settings::default();
-        masks.segmenter = SegmenterSettings::Masks { masks: Some(demo()) };
+        let folder = SegmenterSettings::of(MaskFolderSettings::default());
+        masks.segmenter = folder.clone().with_file("masks", demo());
         assert_eq!(hashes.of(room, &masks, None).unwrap().len(), 1);
-        masks.segmenter = SegmenterSettings::Masks { masks: Some("/nowhere".into()) };
+        masks.segmenter = folder.with_file("masks", "/nowhere");
         assert!(hashes.of(room, &masks, None).unwrap_err().contains("/nowhere"));
     }
 }

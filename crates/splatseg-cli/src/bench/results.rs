@@ -194,7 +194,7 @@ impl<'a> Results<'a> {
 
 fn segmenter(result: &JobResult) -> &'static str {
     let settings = &result.inputs.settings;
-    if settings.method.uses_segmenter() { settings.segmenter.name().name() } else { "none" }
+    if settings.method.uses_segmenter() { settings.segmenter.name() } else { "none" }
 }
 
 fn measurement<'a>(entry: &ResultEntry, result: &'a JobResult) -> Measurement<'a> {

@@ -1,16 +1,15 @@
 //! The methods: names, settings and construction. A new method is added here.
 
 use super::TrackerSettings;
-use crate::pipeline::{PipelineBuilder, PipelineError};
-use crate::settings::SettingsError;
-use crate::settings::registry::{Registry, choice};
-use crate::settings::table::{chosen, section};
+use super::requirements::{Registry, choice};
+use super::values::{chosen, section};
 use serde::Serialize;
-use splatseg_memory::MemorySettings;
-use splatseg_settings::{Section, SettingError, choices};
+use splatseg_memory::{MemorySettings, SplatMemory};
+use splatseg_settings::{Choice, Section, SettingError, choices};
 use splatseg_tracking::{
     FastSamBaseline, FastSamBaselineSettings, FastSamSplat, FastSamSplatSettings, FastSpamBaseline,
     FastSpamBaselineSettings, Method, PromptSource, Sam2Baseline, Sam2BaselineSettings, Sam2Splat, Sam2SplatSettings,
+    Tracker, TrackingError,
 };
 use toml::Table;
 
@@ -140,7 +139,7 @@ impl MethodSettings {
     }
 
     /// Reads the method and its settings from a table of checked values.
-    pub(crate) fn from_table(table: &Table) -> Result<Self, SettingsError> {
+    pub(crate) fn from_table(table: &Table) -> Result<Self, SettingError> {
         Ok(match chosen(table, "method") {
             MethodName::FastsamSplat => Self::FastsamSplat(section(table)?),
             MethodName::Fastsam => Self::Fastsam(section(table)?),
@@ -152,9 +151,8 @@ impl MethodSettings {
         })
     }
 
-    /// Builds the method with the parts of a pipeline.
-    pub(crate) fn build(&self, parts: &mut PipelineBuilder<'_>) -> Result<Box<dyn Method>, PipelineError> {
-        let seed = parts.settings.run.seed;
+    /// Builds the method with the parts that `parts` makes.
+    pub(crate) fn build<P: MethodParts>(&self, seed: u64, parts: &mut P) -> Result<Box<dyn Method>, P::Error> {
         Ok(match self {
             Self::FastsamSplat(settings) => {
                 let memory = parts.make_memory(&settings.memory)?;
@@ -174,16 +172,28 @@ impl MethodSettings {
     }
 }
 
+/// Makes the parts of a method: those that settings describe, or a caller's own.
+pub(crate) trait MethodParts {
+    /// The error of a part that cannot be made, or of the method.
+    type Error: From<TrackingError>;
+
+    /// The memory that the method continues, or an empty one.
+    fn make_memory(&mut self, settings: &MemorySettings) -> Result<SplatMemory, Self::Error>;
+
+    /// The tracker of the method.
+    fn make_tracker(&mut self, settings: &TrackerSettings) -> Result<Box<dyn Tracker>, Self::Error>;
+}
+
 /// The methods that use a tracker.
 pub(crate) const WITH_TRACKER: [&str; 2] = ["sam2", "sam2-splat"];
 
-/// Registers the choice of a method.
-pub(crate) fn register_choice(registry: &mut Registry) {
-    registry.add(vec![choice::<MethodName>("method", "The method.")], &[]);
+/// Adds the choice of a method.
+pub(crate) fn add_choice(registry: &mut Registry) {
+    registry.add(vec![choice("method", MethodName::default().name(), MethodName::NAMES, "The method.")], &[]);
 }
 
-/// Registers the settings of each method.
-pub(crate) fn register(registry: &mut Registry) {
+/// Adds the settings of each method.
+pub(crate) fn add_settings(registry: &mut Registry) {
     for (method, fields) in [
         ("fastsam-splat", FastSamSplatSettings::fields()),
         ("fastsam", FastSamBaselineSettings::fields()),

@@ -1,10 +1,37 @@
-//! The parts that settings can choose: methods, segmenters and trackers. Each file has the names, the settings and the
-//! construction of its kind, so that a new part is added in one place.
+//! The parts that settings choose: methods, segmenters and trackers.
+//!
+//! A segmenter or tracker can be chosen by its name once it is in the table of its kind. A part is one type: its settings,
+//! declared with `settings!`, which implement [`PartSection`]. The built-in parts are in `segmenters.rs` and `trackers.rs`;
+//! other crates add theirs with [`register_segmenter`](crate::settings::register_segmenter) and
+//! [`register_tracker`](crate::settings::register_tracker).
+//!
+//! Nothing here depends on the pipeline or on the settings of a whole run: both are made of parts.
 
+mod context;
+mod error;
+mod files;
 pub(crate) mod methods;
+mod networks;
+mod part;
+mod part_settings;
+mod requirements;
 pub(crate) mod segmenters;
+mod table;
 pub(crate) mod trackers;
+mod values;
 
+pub use context::PartContext;
+pub use error::PartError;
+pub use files::{MissingFile, PartFile, PartFiles, SettingsInput};
 pub use methods::{MethodName, MethodSettings};
-pub use segmenters::{SegmenterName, SegmenterSettings};
-pub use trackers::{TrackerName, TrackerSettings};
+pub use networks::LoadedNetworks;
+pub use part::{Part, PartKind, PartSection};
+pub use part_settings::PartSettings;
+pub use requirements::{ChosenValues, Entry, Requirement};
+pub use segmenters::{MaskFolderSettings, SegmenterSettings};
+pub use table::{PartTable, RegisterError};
+pub use trackers::TrackerSettings;
+
+pub(crate) use methods::MethodParts;
+pub(crate) use requirements::Registry;
+pub(crate) use values::section;

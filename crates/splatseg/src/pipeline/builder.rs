@@ -1,22 +1,23 @@
 //! Builds a pipeline from settings.
 
 use super::named_map::take_names;
-use super::{LoadedNetworks, Naming, Pipeline, PipelineError, StageClock};
-use crate::settings::{Settings, TrackerSettings};
+use super::{Naming, Pipeline, PipelineError, StageClock};
+use crate::parts::{LoadedNetworks, MethodParts, PartContext, TrackerSettings};
+use crate::settings::Settings;
 use splatseg_dataset::Scene;
 use splatseg_kernels::Instructions;
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_objects::{KeptViews, ObjectLog};
 use splatseg_odometry::{PoseSource, TrackedPoses};
 use splatseg_segmenter::Segmenter;
-use splatseg_simulators::{GroundTruthPrompts, SceneGroundTruth};
+use splatseg_simulators::GroundTruthPrompts;
 use splatseg_tracking::{Method, PromptSource, Tracker, TrackingError};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Builds a [`Pipeline`] from settings. Parts set on the builder replace the ones that the settings describe.
 pub struct PipelineBuilder<'a> {
-    pub(crate) settings: &'a Settings,
+    settings: &'a Settings,
     scene: Option<Arc<dyn Scene>>,
     segmenter: Option<Box<dyn Segmenter>>,
     poses: Option<Box<dyn PoseSource>>,
@@ -27,7 +28,7 @@ pub struct PipelineBuilder<'a> {
     saved_poses: Option<Vec<u8>>,
     /// Keyframes of the saved memory, once loaded.
     keyframes: Option<Vec<u8>>,
-    pub(crate) networks: Arc<LoadedNetworks>,
+    networks: Arc<LoadedNetworks>,
     objects: ObjectLog,
     naming: Naming,
     progress: Box<dyn FnMut(f32) + 'a>,
@@ -203,11 +204,24 @@ impl<'a> PipelineBuilder<'a> {
         Ok(self.settings.validate()?)
     }
 
-    fn make_segmenter(&self) -> Result<Box<dyn Segmenter>, PipelineError> {
-        if let Some((PromptSource::GroundTruth, min_area)) = self.settings.method.prompts() {
-            return Ok(Box::new(GroundTruthPrompts::new(self.ground_truth("prompts = ground-truth")?, min_area)));
+    fn context(&self) -> PartContext<'_> {
+        PartContext {
+            device: self.settings.run.device,
+            seed: self.settings.run.seed,
+            framing: self.settings.dataset.framing(),
+            prompts_lost_objects: self.settings.method.prompts_lost_objects(),
+            networks: &self.networks,
+            scene: self.scene.as_ref(),
         }
-        self.settings.segmenter.build(self)
+    }
+
+    fn make_segmenter(&self) -> Result<Box<dyn Segmenter>, PipelineError> {
+        let context = self.context();
+        if let Some((PromptSource::GroundTruth, min_area)) = self.settings.method.prompts() {
+            let truth = context.ground_truth("prompts = ground-truth")?;
+            return Ok(Box::new(GroundTruthPrompts::new(truth, min_area)));
+        }
+        Ok(self.settings.segmenter.build(&context)?)
     }
 
     fn make_method(&mut self) -> Result<Box<dyn Method>, PipelineError> {
@@ -216,11 +230,14 @@ impl<'a> PipelineBuilder<'a> {
         if let (false, Some(path)) = (has_memory, self.saved_memory.take_if(|_| !has_memory)) {
             return Err(PipelineError::NoMemory { path, method: self.settings.method.name().name() });
         }
-        settings.method.build(self)
+        settings.method.build(settings.run.seed, self)
     }
+}
 
-    /// The memory to continue with, or an empty one.
-    pub(crate) fn make_memory(&mut self, settings: &MemorySettings) -> Result<SplatMemory, PipelineError> {
+impl MethodParts for PipelineBuilder<'_> {
+    type Error = PipelineError;
+
+    fn make_memory(&mut self, settings: &MemorySettings) -> Result<SplatMemory, PipelineError> {
         if let Some(memory) = self.memory.take() {
             return Ok(memory);
         }
@@ -239,17 +256,10 @@ impl<'a> PipelineBuilder<'a> {
         })
     }
 
-    /// The builder's own tracker, or the one that the settings describe.
-    pub(crate) fn make_tracker(&mut self, settings: &TrackerSettings) -> Result<Box<dyn Tracker>, PipelineError> {
+    fn make_tracker(&mut self, settings: &TrackerSettings) -> Result<Box<dyn Tracker>, PipelineError> {
         if let Some(tracker) = self.tracker.take() {
             return Ok(tracker);
         }
-        settings.build(self)
-    }
-
-    /// The ground truth of the scene, for simulators.
-    pub(crate) fn ground_truth(&self, needed_by: &'static str) -> Result<SceneGroundTruth, PipelineError> {
-        let scene = self.scene.as_ref().ok_or(PipelineError::NoScene(needed_by))?;
-        Ok(SceneGroundTruth::new(Arc::clone(scene), self.settings.dataset.framing())?)
+        Ok(settings.build(&self.context())?)
     }
 }

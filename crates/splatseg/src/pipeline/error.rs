@@ -1,18 +1,14 @@
 //! Errors of a pipeline.
 
+use crate::parts::PartError;
 use crate::settings::SettingsError;
 use splatseg_dataset::FrameReadError;
 use splatseg_kernels::InstructionsError;
 use splatseg_memory::LoadMemoryError;
-use splatseg_models::checkpoint::CheckpointError;
-use splatseg_models::device::DeviceError;
-use splatseg_models::sam2::Sam2Error;
 use splatseg_objects::NameError;
 use splatseg_odometry::PoseSourceError;
 use splatseg_segmenter::SegmenterError;
-use splatseg_settings::SettingError;
-use splatseg_simulators::SimulatorError;
-use splatseg_tracking::{TrackerError, TrackingError};
+use splatseg_tracking::TrackingError;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -23,41 +19,15 @@ pub enum PipelineError {
     /// The settings cannot be used.
     #[error(transparent)]
     Settings(#[from] SettingsError),
-    /// A setting is out of range.
-    #[error(transparent)]
-    Setting(#[from] SettingError),
     /// The environment variable `SPLATSEG_INSTRUCTIONS` cannot be used.
     #[error(transparent)]
     Instructions(#[from] InstructionsError),
-    /// A setting needs the ground truth of a scene, and no scene was given.
-    #[error("{0} needs a scene with ground truth, but the pipeline has no scene")]
-    NoScene(&'static str),
-    /// A simulator could not be created.
+    /// The segmenter or the tracker could not be built.
     #[error(transparent)]
-    Simulator(#[from] SimulatorError),
-    /// The segmenter could not be created.
-    #[error(transparent)]
-    MakeSegmenter(#[from] SegmenterError),
-    /// The tracker could not be created.
-    #[error(transparent)]
-    MakeTracker(#[from] TrackerError),
+    Part(#[from] PartError),
     /// The method could not be created.
     #[error(transparent)]
     MakeMethod(#[from] TrackingError),
-    /// The device cannot be used.
-    #[error(transparent)]
-    Device(#[from] DeviceError),
-    /// A checkpoint could not be read.
-    #[error(transparent)]
-    Checkpoint(#[from] CheckpointError),
-    /// A checkpoint is not SAM 2.1's.
-    #[error("{}: {source}", path.display())]
-    Sam2 {
-        /// The checkpoint.
-        path: PathBuf,
-        /// The error.
-        source: Box<Sam2Error>,
-    },
     /// A saved memory could not be loaded.
     #[error(transparent)]
     Memory(#[from] LoadMemoryError),

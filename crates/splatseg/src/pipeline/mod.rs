@@ -8,7 +8,6 @@ mod error;
 mod frames;
 mod named_map;
 mod naming;
-mod networks;
 mod stage_times;
 
 pub use builder::PipelineBuilder;
@@ -16,8 +15,9 @@ pub use error::{PipelineError, UnusableFrame};
 pub use frames::{Frames, Processed};
 pub use named_map::NamedMap;
 pub use naming::{NameObjectsError, ObjectToName};
-pub use networks::LoadedNetworks;
 pub use stage_times::StageTimes;
+
+pub use crate::parts::LoadedNetworks;
 
 use crate::Settings;
 use naming::Naming;

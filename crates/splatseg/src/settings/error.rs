@@ -1,6 +1,6 @@
 //! Errors in settings.
 
-use super::Requirement;
+use super::{MissingFile, Requirement};
 use splatseg_memory::SplatFileError;
 use splatseg_models::device::DeviceError;
 use splatseg_settings::SettingError;
@@ -118,17 +118,6 @@ impl SettingsError {
             _ => None,
         }
     }
-}
-
-/// A required file that was not given.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MissingFile {
-    /// The choice that needs it, e.g. `segmenter = fastsam`.
-    pub chosen: &'static str,
-    /// The setting that names the file.
-    pub key: &'static str,
-    /// Description of the expected file.
-    pub what: &'static str,
 }
 
 /// Formats the path of a file and, if known, the line.

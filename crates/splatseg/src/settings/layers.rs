@@ -187,7 +187,7 @@ pub(super) fn merge(below: &mut Table, above: Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::{MethodSettings, SegmenterName};
+    use crate::settings::MethodSettings;
 
     fn resolve(assignments: &[&str]) -> Result<Settings, SettingsError> {
         let mut layers = SettingsLayers::default();
@@ -207,7 +207,7 @@ mod tests {
         .unwrap();
         let memory = settings.method.memory().unwrap();
         assert_eq!((memory.max_votes, memory.removal_frames), (7.0, 5));
-        assert_eq!(settings.segmenter.name(), SegmenterName::Oracle);
+        assert_eq!(settings.segmenter.name(), "oracle");
         assert!(matches!(settings.method, MethodSettings::FastsamSplat(_)));
     }
 

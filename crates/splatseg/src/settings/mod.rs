@@ -6,17 +6,21 @@ mod file;
 mod input_files;
 mod layers;
 mod preset;
-pub(crate) mod registry;
-pub(crate) mod table;
+mod registration;
+mod registry;
+mod table;
 mod usage;
 
-pub use crate::parts::{MethodName, MethodSettings, SegmenterName, SegmenterSettings, TrackerName, TrackerSettings};
+pub use crate::parts::{
+    ChosenValues, Entry, MaskFolderSettings, MethodName, MethodSettings, MissingFile, RegisterError, Requirement,
+    SegmenterSettings, SettingsInput, TrackerSettings,
+};
 pub use document::{describe_settings, markdown};
-pub use error::{MissingFile, SettingsError};
-pub use input_files::SettingsInput;
+pub use error::SettingsError;
 pub use layers::SettingsLayers;
 pub use preset::MethodPreset;
-pub use registry::{ChosenValues, Entry, Requirement, describe, entries};
+pub use registration::{register_segmenter, register_tracker};
+pub use registry::{describe, entries};
 
 use splatseg_dataset::DatasetSettings;
 use splatseg_files::MemoryLimit;
@@ -90,7 +94,7 @@ impl Settings {
         let segmenter = self.method.uses_segmenter().then_some(&self.segmenter);
         let tracker = self.method.tracker();
         let needs_networks = segmenter.is_some_and(SegmenterSettings::needs_networks)
-            || tracker.is_some_and(TrackerSettings::is_network);
+            || tracker.is_some_and(TrackerSettings::needs_networks);
         if needs_networks && !HAS_NETWORKS {
             return Err(DeviceError::NoNetworks.into());
         }

@@ -3,12 +3,12 @@
 use super::preset::with_preset;
 use super::usage::{Usage, only_used};
 use super::{Entry, MethodSettings, RunSettings, SegmenterSettings, Settings, SettingsError, entries};
-use serde::de::{DeserializeOwned, Error as _};
+use crate::parts::section;
+use serde::de::Error as _;
 use serde::ser::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use splatseg_dataset::DatasetSettings;
-use splatseg_settings::{Allowed, Choice, Section};
-use std::path::PathBuf;
+use splatseg_settings::Allowed;
 use toml::{Table, Value};
 
 impl Settings {
@@ -123,35 +123,4 @@ fn check_value(entry: &Entry, value: &Value) -> Result<(), SettingsError> {
 fn is_number_beyond_toml(text: &str) -> bool {
     let digits = text.strip_prefix(['-', '+']).unwrap_or(text);
     !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit()) && text.parse::<i64>().is_err()
-}
-
-/// Returns the settings of a section, with defaults where the table has no value.
-pub(crate) fn section<T: Section + DeserializeOwned>(table: &Table) -> Result<T, SettingsError> {
-    let mut own = Table::new();
-    if T::SECTION.is_empty() {
-        for field in T::fields() {
-            let key = if field.section.is_empty() { field.name } else { field.section };
-            if let Some(value) = table.get(key) {
-                own.insert(key.to_owned(), value.clone());
-            }
-        }
-    } else if let Some(Value::Table(inner)) = table.get(T::SECTION) {
-        own.clone_from(inner);
-    }
-    // Types and ranges have been checked: only a type's own rules can fail here, e.g. those of an image size.
-    let key = if T::SECTION.is_empty() { "settings" } else { T::SECTION };
-    Value::Table(own).try_into().map_err(|error: toml::de::Error| {
-        let found = error.message().to_owned();
-        splatseg_settings::SettingError { key: key.to_owned(), found, expected: "valid values".to_owned() }.into()
-    })
-}
-
-/// Returns the choice in a table, or the default.
-pub(crate) fn chosen<T: Choice + Default>(table: &Table, key: &str) -> T {
-    table.get(key).and_then(Value::as_str).and_then(T::from_name).unwrap_or_default()
-}
-
-/// Returns the path in a table.
-pub(crate) fn path(table: &Table, key: &str) -> Option<PathBuf> {
-    table.get(key).and_then(Value::as_str).map(PathBuf::from)
 }

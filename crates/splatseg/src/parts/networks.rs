@@ -1,6 +1,6 @@
 //! Cache of loaded networks, shared by pipelines.
 
-use super::PipelineError;
+use super::PartError;
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::device::DeviceName;
 use splatseg_models::fastsam::{FastSamPredictor, FastSamPredictorSettings};
@@ -29,7 +29,7 @@ impl<K, N> Default for Latest<K, N> {
 }
 
 impl<K: PartialEq, N: Clone> Latest<K, N> {
-    fn get(&self, key: K, load: impl FnOnce(&K) -> Result<N, PipelineError>) -> Result<N, PipelineError> {
+    fn get(&self, key: K, load: impl FnOnce(&K) -> Result<N, PartError>) -> Result<N, PartError> {
         let mut latest = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, network)) = latest.as_ref().filter(|(found, _)| *found == key) {
             return Ok(network.clone());
@@ -45,11 +45,7 @@ impl LoadedNetworks {
     ///
     /// # Errors
     /// If it cannot be loaded.
-    pub(crate) fn affinity(
-        &self,
-        weights: Option<&Path>,
-        device: DeviceName,
-    ) -> Result<AffinityNetwork, PipelineError> {
+    pub(crate) fn affinity(&self, weights: Option<&Path>, device: DeviceName) -> Result<AffinityNetwork, PartError> {
         self.affinity.get((weights.map(Path::to_owned), device), |(weights, device)| {
             let network = match (device, weights) {
                 (DeviceName::Cpu, None) => AffinityNetwork::built_in(),
@@ -69,7 +65,7 @@ impl LoadedNetworks {
         weights: &Path,
         settings: &FastSamPredictorSettings,
         device: DeviceName,
-    ) -> Result<FastSamPredictor, PipelineError> {
+    ) -> Result<FastSamPredictor, PartError> {
         self.fastsam.get((weights.to_owned(), settings.clone(), device), |(weights, settings, device)| {
             let predictor = FastSamPredictor::open(weights, settings.clone(), &device.open()?);
             Ok(predictor.map_err(SegmenterError::from)?)
@@ -86,12 +82,12 @@ impl LoadedNetworks {
         image_size: Option<usize>,
         pooling: MemoryPooling,
         device: DeviceName,
-    ) -> Result<Sam2Network, PipelineError> {
+    ) -> Result<Sam2Network, PartError> {
         self.sam2.get((weights.to_owned(), image_size, pooling, device), |(weights, image_size, pooling, device)| {
             let checkpoint = Checkpoint::open(weights)?;
             Sam2Network::load(&checkpoint, *image_size, &device.open()?)
                 .and_then(|network| network.with_memory_pooling(*pooling))
-                .map_err(|source| PipelineError::Sam2 { path: weights.clone(), source: Box::new(source) })
+                .map_err(|source| PartError::Sam2 { path: weights.clone(), source: Box::new(source) })
         })
     }
 }
