@@ -17,6 +17,7 @@ mod evidence;
 mod features;
 mod growth;
 mod map;
+mod memory_kinds;
 mod memory_rules;
 mod origin;
 mod persistence;
@@ -36,6 +37,9 @@ pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings};
 pub use growth::RADIUS_PER_SPACING;
 pub use map::{NewGaussian, SplatMap, SurfaceKind};
+pub use memory_kinds::{
+    MemoryKind, MemoryKindDefinition, NewStore, RegisterKindError, RegisteredKind, SavedStore, register_memory_kind,
+};
 pub use memory_rules::MemoryRules;
 pub use persistence::{Attached, LoadMemoryError};
 pub use ply::{ExportedForm, ExportedGaussian, write_exported};
@@ -44,7 +48,7 @@ pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFi
 pub use recall::{Recall, StoreTile, TileSurface};
 pub use segment_store::{LearningExtent, SegmentStore};
 pub use segments::{MAX_16_BIT_ID, MAX_SEGMENT_ID, SegmentHold};
-pub use settings::{COVERED, GrowthRule, MemoryKind, MemorySettings};
+pub use settings::{COVERED, GrowthRule, MemorySettings};
 pub use splat_memory::{FrameUpdate, SplatMemory};
 
 #[cfg(doctest)]

@@ -1,15 +1,11 @@
 //! Saving a memory after one run and continuing it in another.
 
 use crate::co_visible::CoVisibleIds;
-use crate::evidence::EvidenceStore;
-use crate::features::{FeatureStore, SegmentCodes};
 use crate::recent::RecentFrames;
 use crate::saved_state::{SavedState, restored_runs, runs};
-use crate::segment_store::SegmentStore;
 use crate::segments::{SavedSegment, Segments};
 use crate::{
-    MemoryError, MemoryKind, MemoryRules, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView,
-    SplatMemory, SurfaceKind,
+    MemoryError, MemorySettings, SavedStore, SplatFile, SplatFileError, SplatFileView, SplatMemory, SurfaceKind,
 };
 use splatseg_geometry::SegmentId;
 use std::path::Path;
@@ -129,10 +125,7 @@ impl SplatMemory {
         let live = ids.into_iter().zip(sightings).zip(carried);
         let live: Vec<SavedSegment> =
             live.map(|((id, sightings), carried)| SavedSegment { id, sightings, carried }).collect();
-        let largest_id = match settings.kind {
-            MemoryKind::Evidence => MemoryRules::default().largest_id,
-            MemoryKind::Features => FeatureStore::rules_of(&settings).largest_id,
-        };
+        let largest_id = settings.kind.rules(&settings).largest_id;
         let restored = SavedState::from_bytes(&saved_state).and_then(|saved| {
             let segments = Segments::restored(&live, saved.ids.clone(), largest_id)?;
             let recent = RecentFrames::restored(saved.recent, segments.highest())?;
@@ -143,21 +136,8 @@ impl SplatMemory {
         });
         let damaged = |found| LoadMemoryError::SavedState { path: path.display().to_string(), found };
         let (segments, recent, together, remapped, (keyframes, names)) = restored.map_err(damaged)?;
-        let (path, found, expected) = (path.display().to_string(), content.kind(), settings.kind);
-        if found != expected {
-            return Err(LoadMemoryError::Kind { path, found: found.name(), expected: expected.name() });
-        }
-        let store: Box<dyn SegmentStore> = match content {
-            SplatContent::Evidence { votes } => Box::new(EvidenceStore::restored(settings.clone(), votes)),
-            SplatContent::Features { features, codebook } => {
-                let (found, expected) = (codebook.feature_dim(), settings.feature_dim);
-                if found != expected {
-                    return Err(LoadMemoryError::FeatureDim { path, found, expected });
-                }
-                let codes = SegmentCodes::of_user(&settings, codebook, segments.highest() as usize);
-                Box::new(FeatureStore::restored(settings.clone(), codes, features))
-            }
-        };
+        let saved = SavedStore { path, content, highest_id: segments.highest() };
+        let store = (settings.kind.definition().restore)(&settings, saved)?;
         let mut memory = Self::with_parts(settings, map, store, segments);
         (memory.frames, memory.origin) = (frames, origin);
         (memory.recent, memory.co_visible) = (recent, together);

@@ -1,5 +1,6 @@
 //! Settings of the memory: the paper's constants, and our choices where the paper is silent.
 
+use crate::MemoryKind;
 use splatseg_geometry::SegmentId;
 use splatseg_settings::{Allowed, Choice, choices, settings};
 use std::collections::BTreeSet;
@@ -9,16 +10,6 @@ pub(crate) const RELATIVE_TOLERANCE: f32 = 0.05;
 
 /// The map covers a pixel if the accumulated alpha of its Gaussians there is at least this.
 pub const COVERED: f32 = 0.3;
-
-choices! {
-    /// How Gaussians remember segments.
-    pub enum MemoryKind, default Evidence {
-        /// Votes for the segments that each Gaussian was predicted as.
-        Evidence = "evidence",
-        /// The paper's feature vectors, learnt by gradient descent.
-        Features = "features",
-    }
-}
 
 choices! {
     /// Rule for adding Gaussians to the map.
@@ -37,7 +28,7 @@ settings! {
     /// Settings of a [`SplatMemory`](crate::SplatMemory). Those from the paper default to its values unless noted.
     pub struct MemorySettings in "memory" {
         /// How Gaussians remember segments.
-        kind: MemoryKind = MemoryKind::Evidence, Allowed::Names(MemoryKind::NAMES);
+        kind: MemoryKind = MemoryKind::Evidence, Allowed::Names(MemoryKind::names());
         /// Rule for adding Gaussians to the map.
         growth: GrowthRule = GrowthRule::Auto, Allowed::Names(GrowthRule::NAMES);
         /// Rule `paper` adds a Gaussian where the rendered silhouette is below this.

@@ -1,15 +1,13 @@
 //! The memory itself: its state, and the steps of each frame.
 
 use crate::co_visible::CoVisibleIds;
-use crate::evidence::EvidenceStore;
-use crate::features::FeatureStore;
 use crate::growth::new_gaussians;
 use crate::map::{SplatMap, SurfaceKind};
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
 use crate::segment_store::SegmentStore;
 use crate::segments::{LostIds, Segments};
-use crate::{LearningExtent, MemoryError, MemoryKind, MemoryRules, MemorySettings, Recall};
+use crate::{LearningExtent, MemoryError, MemoryRules, MemorySettings, NewStore, Recall};
 use glam::DVec3;
 use rayon::prelude::*;
 use splatseg_geometry::{FrameAnchor, KeyframeId, RemappedId, STAGE_TARGET, SegmentId, SegmentMap};
@@ -22,7 +20,7 @@ const FRAMES_PER_CENSUS: u32 = 16;
 /// An online 3D Gaussian splat whose Gaussians remember segments.
 ///
 /// For every frame: [`SplatMemory::recall`] renders the segments that the memory expects, [`SplatMemory::fuse`]
-/// combines them with the frame's predictions, and [`SplatMemory::update`] learns from the predictions. [`MemoryKind`]
+/// combines them with the frame's predictions, and [`SplatMemory::update`] learns from the predictions. [`MemoryKind`](crate::MemoryKind)
 /// selects how Gaussians remember segments; the map is the same for both kinds.
 #[derive(Debug)]
 pub struct SplatMemory {
@@ -72,17 +70,14 @@ pub struct FrameUpdate {
 }
 
 impl SplatMemory {
-    /// Creates an empty memory. Generating the codebook that [`MemoryKind::Features`] needs takes up to a few seconds;
+    /// Creates an empty memory. Generating the codebook that [`MemoryKind::Features`](crate::MemoryKind::Features) needs takes up to a few seconds;
     /// `progress` receives the fraction done.
     ///
     /// # Errors
     /// If a setting is out of range.
     pub fn new(settings: MemorySettings, seed: u64, progress: &mut dyn FnMut(f32)) -> Result<Self, MemoryError> {
         settings.validate()?;
-        let store: Box<dyn SegmentStore> = match settings.kind {
-            MemoryKind::Evidence => Box::new(EvidenceStore::new(settings.clone())),
-            MemoryKind::Features => Box::new(FeatureStore::new(settings.clone(), seed, progress)?),
-        };
+        let store = (settings.kind.definition().create)(&settings, NewStore { seed, progress })?;
         let segments = Segments::new(store.rules().largest_id);
         Ok(Self::with_parts(settings, SplatMap::default(), store, segments))
     }

@@ -179,7 +179,8 @@ pub fn check_ids(ids: &[SegmentId], sizes: &Sizes, path: &Path) -> Result<(), Sp
 
 fn number_of(kind: MemoryKind) -> u32 {
     match kind {
-        MemoryKind::Evidence => 0,
+        // The content of a registered kind is that of a built-in one.
+        MemoryKind::Evidence | MemoryKind::Registered(_) => 0,
         MemoryKind::Features => 1,
     }
 }

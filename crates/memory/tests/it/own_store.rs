@@ -3,18 +3,38 @@
 use glam::{Mat4, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
-    LearningExtent, MemoryError, MemorySettings, NewGaussian, Recall, SegmentStore, SplatFileError, SplatMemory,
-    StoreTile, TileSurface,
+    LearningExtent, LoadMemoryError, MemoryError, MemoryKind, MemoryKindDefinition, MemoryRules, MemorySettings,
+    NewGaussian, Recall, RegisterKindError, SegmentStore, SplatContent, SplatContentView, SplatFileError, SplatMemory,
+    StoreTile, TileSurface, Votes, register_memory_kind,
 };
 use splatseg_render::{Splats, TileWeights};
 use std::collections::BTreeSet;
 
-/// Last id of each Gaussian. New ids beyond `max_ids` are refused.
+/// Last id of each Gaussian, as its only vote. New ids beyond `max_ids` are refused.
 #[derive(Debug)]
 struct LastSeen {
-    ids: Vec<SegmentId>,
+    votes: Vec<Votes>,
     max_ids: SegmentId,
+    has_format: bool,
 }
+
+impl LastSeen {
+    fn new(max_ids: SegmentId) -> Self {
+        Self { votes: Vec::new(), max_ids, has_format: false }
+    }
+}
+
+static LAST_SEEN: MemoryKindDefinition = MemoryKindDefinition {
+    name: "last-seen",
+    rules: |_| MemoryRules::default(),
+    create: |_, _| Ok(Box::new(LastSeen { has_format: true, ..LastSeen::new(SegmentId::MAX) })),
+    restore: |settings, saved| match saved.content {
+        SplatContent::Evidence { votes } => {
+            Ok(Box::new(LastSeen { votes, has_format: true, ..LastSeen::new(SegmentId::MAX) }))
+        }
+        _ => Err(saved.unexpected(settings)),
+    },
+};
 
 /// Returns the Gaussian with the largest weight at each pixel of a tile.
 fn winners(tile: &TileWeights) -> Vec<Option<(u32, f32)>> {
@@ -36,7 +56,7 @@ impl SegmentStore for LastSeen {
         StoreTile {
             segments: winners
                 .iter()
-                .map(|winner| winner.map_or(0, |(gaussian, _)| self.ids[gaussian as usize]))
+                .map(|winner| winner.map_or(0, |(gaussian, _)| self.votes[gaussian as usize].winner()))
                 .collect(),
             confidence: winners.iter().map(|winner| winner.map_or(0.0, |(_, weight)| weight)).collect(),
             ..StoreTile::default()
@@ -52,7 +72,7 @@ impl SegmentStore for LastSeen {
     }
 
     fn grow(&mut self, added: &[NewGaussian], _: &Recall<'_>, predicted: &SegmentMap, _: &BTreeSet<SegmentId>) {
-        self.ids.extend(added.iter().map(|gaussian| predicted.pixels()[gaussian.pixel]));
+        self.votes.extend(added.iter().map(|gaussian| Votes::one(predicted.pixels()[gaussian.pixel], 1.0)));
     }
 
     fn learn(
@@ -68,7 +88,7 @@ impl SegmentStore for LastSeen {
                 if let Some((gaussian, _)) = winner {
                     let id = predicted[(left + pixel % TileWeights::SIDE, top + pixel / TileWeights::SIDE)];
                     if id != 0 {
-                        self.ids[gaussian as usize] = id;
+                        self.votes[gaussian as usize] = Votes::one(id, 1.0);
                     }
                 }
             }
@@ -78,7 +98,7 @@ impl SegmentStore for LastSeen {
 
     fn retain(&mut self, keep: &[bool]) {
         let mut keep = keep.iter();
-        self.ids.retain(|_| *keep.next().unwrap());
+        self.votes.retain(|_| *keep.next().unwrap());
     }
 
     fn new_segment(&mut self, id: SegmentId) -> Result<(), MemoryError> {
@@ -89,11 +109,15 @@ impl SegmentStore for LastSeen {
     }
 
     fn segment_ids(&self) -> Vec<SegmentId> {
-        self.ids.clone()
+        self.votes.iter().map(Votes::winner).collect()
     }
 
     fn numbers_per_gaussian(&self) -> usize {
         1
+    }
+
+    fn content(&self) -> Option<SplatContentView<'_>> {
+        self.has_format.then_some(SplatContentView::Evidence { votes: &self.votes })
     }
 }
 
@@ -114,7 +138,7 @@ fn halves(left: SegmentId, right: SegmentId) -> SegmentMap {
 
 #[test]
 fn it_remembers_in_its_own_way_and_moves_with_the_camera() {
-    let store = Box::new(LastSeen { ids: Vec::new(), max_ids: 2 });
+    let store = Box::new(LastSeen::new(2));
     let mut memory = SplatMemory::with_store(MemorySettings::default(), store).unwrap();
     assert_eq!((memory.new_segment().unwrap(), memory.new_segment().unwrap()), (1, 2));
     let first = frame(0.0);
@@ -131,10 +155,47 @@ fn it_remembers_in_its_own_way_and_moves_with_the_camera() {
 
 #[test]
 fn its_own_errors_are_returned_and_saving_it_is_an_error() {
-    let store = Box::new(LastSeen { ids: Vec::new(), max_ids: 0 });
+    let store = Box::new(LastSeen::new(0));
     let mut memory = SplatMemory::with_store(MemorySettings::default(), store).unwrap();
     assert_eq!(memory.new_segment().unwrap_err().to_string(), "last-seen: 1 is one id too many");
     let path = std::env::temp_dir().join("splatseg-own-store.ply");
     assert!(matches!(memory.save(&path), Err(SplatFileError::NoFormat { .. })));
     assert!(!path.exists());
+}
+
+/// The ids that the memory shows in a frame.
+fn shown(memory: &SplatMemory, frame: &RgbdFrame) -> SegmentMap {
+    memory.fuse(&memory.recall(frame), &halves(0, 0)).unwrap()
+}
+
+#[test]
+fn a_registered_kind_is_chosen_by_its_name_saved_and_loaded() {
+    let kind = register_memory_kind(&LAST_SEEN).unwrap();
+    assert_eq!(register_memory_kind(&LAST_SEEN), Err(RegisterKindError::Taken("last-seen")));
+    for name in ["evidence", "features"] {
+        let named = Box::leak(Box::new(MemoryKindDefinition { name, ..LAST_SEEN }));
+        assert_eq!(register_memory_kind(named), Err(RegisterKindError::Taken(name)));
+    }
+    let unwritable = Box::leak(Box::new(MemoryKindDefinition { name: "Last seen", ..LAST_SEEN }));
+    assert_eq!(register_memory_kind(unwritable), Err(RegisterKindError::Name("Last seen")));
+    assert_eq!(MemoryKind::names(), ["evidence", "features", "last-seen"]);
+
+    let settings: MemorySettings = toml::from_str("kind = 'last-seen'").unwrap();
+    assert_eq!(settings.kind, kind);
+    assert!(toml::to_string(&settings).unwrap().contains("kind = \"last-seen\""));
+    let error = toml::from_str::<MemorySettings>("kind = 'first-seen'").unwrap_err();
+    assert!(error.to_string().contains("`last-seen`"), "{error}");
+
+    let mut memory = SplatMemory::new(settings.clone(), 0, &mut |_| {}).unwrap();
+    assert_eq!((memory.new_segment().unwrap(), memory.new_segment().unwrap()), (1, 2));
+    let frame = frame(0.0);
+    memory.update(memory.recall(&frame), &halves(1, 2), &BTreeSet::new()).unwrap();
+    let (folder, features) =
+        (tempfile::tempdir().unwrap(), settings.clone().with(|memory| memory.kind = MemoryKind::Features));
+    let path = folder.path().join("map.ply");
+    memory.save(&path).unwrap();
+    let mut loaded = SplatMemory::load(&path, settings).unwrap();
+    assert_eq!(shown(&loaded, &frame), shown(&memory, &frame));
+    assert_eq!(loaded.new_segment().unwrap(), 3);
+    assert!(matches!(SplatMemory::load(&path, features), Err(LoadMemoryError::Kind { expected: "features", .. })));
 }

@@ -51,4 +51,12 @@ pub enum PartError {
         /// The error.
         source: Box<Sam2Error>,
     },
+    /// A part defined outside this crate could not be built.
+    #[error("{name}: {source}")]
+    Other {
+        /// Name of the part.
+        name: String,
+        /// The part's error.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
 }

@@ -32,9 +32,9 @@ use toml::Table;
 ///     }
 ///
 ///     fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
-///         let is_near = frame.depth().pixels().iter().map(|depth| *depth > 0.0 && *depth < self.0).collect();
-///         let mask = Mask::from_pixels(frame.width(), frame.height(), is_near);
-///         Ok(mask.into_iter().map(|mask| ScoredMask { mask, score: 1.0 }).collect())
+///         let is_near = |column, row| (0.0..self.0).contains(&frame.depth()[(column, row)]);
+///         let mask = Mask::from_fn(frame.width(), frame.height(), is_near);
+///         Ok(vec![ScoredMask { mask, score: 1.0 }])
 ///     }
 /// }
 ///

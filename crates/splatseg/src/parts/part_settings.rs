@@ -58,10 +58,10 @@ impl<T: ?Sized, S: PartSection<T>> AnySection<T> for S {
 /// use splatseg::settings::SegmenterSettings;
 /// use splatseg::segmenter::GraphSettings;
 ///
-/// let mut segmenter = SegmenterSettings::of(GraphSettings::default().with(|graph| graph.merge_scale = 0.5));
+/// let mut segmenter = SegmenterSettings::of(GraphSettings::default().with(|graph| graph.lightness = 0.5));
 /// assert_eq!(segmenter.name(), "graph");
 /// if let Some(graph) = segmenter.section_mut::<GraphSettings>() {
-///     graph.merge_scale = 0.6;
+///     graph.lightness = 0.6;
 /// }
 /// ```
 pub struct PartSettings<T: ?Sized> {
@@ -106,12 +106,13 @@ impl<T: PartKind + ?Sized> PartSettings<T> {
 
     pub(crate) fn validate(&self) -> Result<(), SettingError> {
         self.section.validate()?;
-        match self.files.0.keys().find(|key| self.part.files.iter().all(|file| file.key != **key)) {
+        let is_known = |key: &str| self.part.files.iter().any(|file| file.key == key);
+        match self.files.0.iter().find(|(key, _)| !is_known(key)) {
             None => Ok(()),
-            Some(key) => Err(SettingError {
+            Some((key, path)) => Err(SettingError {
                 key: (*key).to_owned(),
-                found: "given".to_owned(),
-                expected: format!("nothing: {} = {} does not read it", T::KEY, self.name()),
+                found: path.display().to_string(),
+                expected: format!("no value: {} = {} reads no such file", T::KEY, self.name()),
             }),
         }
     }

@@ -86,6 +86,16 @@ fn needs(entry: &Entry) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
+
+    // Not in `tests/it`: a part that is registered there would be in the text.
+    #[test]
+    fn the_document_is_up_to_date() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/SETTINGS.md");
+        let document = std::fs::read_to_string(&path).unwrap_or_default();
+        let differs = document.trim_end() != markdown().trim_end();
+        assert!(!differs, "{} is not up to date: splatseg settings > docs/SETTINGS.md", path.display());
+    }
 
     #[test]
     fn a_name_selects_a_setting_a_section_or_all_of_that_name() {

@@ -5,7 +5,7 @@ use super::preset::with_preset;
 use super::usage::Usage;
 use super::{Entry, Settings, SettingsError, entries};
 use splatseg_dataset::DatasetSettings;
-use splatseg_memory::SavedMemorySettings;
+use splatseg_memory::{MemoryKind, SavedMemorySettings};
 use splatseg_settings::Allowed;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -57,7 +57,7 @@ impl SettingsLayers {
     }
 
     /// Adds the settings that a saved memory fixes: its kind, feature dimension and number of codes. Does nothing for a
-    /// method without a memory.
+    /// method without a memory, and for a kind of memory that another crate has registered.
     ///
     /// # Errors
     /// If the file cannot be read, or a layer has another value.
@@ -67,6 +67,11 @@ impl SettingsLayers {
             return Ok(());
         }
         let saved = SavedMemorySettings::read(path)?;
+        let kind = self.get("memory.kind").and_then(Value::as_str).and_then(MemoryKind::from_name);
+        // The file has the content of a built-in kind. Whether a registered kind can use it is found out by loading it.
+        if matches!(kind, Some(MemoryKind::Registered(_))) {
+            return Ok(());
+        }
         let number = |number: usize| Value::Integer(i64::try_from(number).unwrap_or(i64::MAX));
         let mut fixed = vec![("memory.kind", Value::String(saved.kind.name().to_owned()))];
         if let Some(codes) = saved.codes {

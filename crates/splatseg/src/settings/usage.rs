@@ -1,6 +1,7 @@
 //! Finds the values of a table that its choices do not use.
 
 use super::{ChosenValues, Entry, Requirement, SettingsError};
+use splatseg_memory::{MemoryKind, MemorySettings};
 use std::collections::BTreeMap;
 use toml::{Table, Value};
 
@@ -65,10 +66,10 @@ impl<'a> Usage<'a> {
             Value::String(text) => text.clone(),
             value => value.to_string(),
         });
-        // As in `MemoryRules::growth`: `auto` selects the rule by the memory's kind.
+        // `auto` selects the rule of the memory's kind.
         if key == "memory.growth" && value == "auto" {
-            let is_features = self.chosen("memory.kind").is_some_and(|kind| kind == "features");
-            return Some(if is_features { "paper" } else { "missing" }.to_owned());
+            let kind = self.chosen("memory.kind").and_then(|kind| MemoryKind::from_name(&kind)).unwrap_or_default();
+            return Some(kind.rules(&MemorySettings::default()).growth.name().to_owned());
         }
         Some(value)
     }

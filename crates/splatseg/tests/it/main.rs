@@ -3,4 +3,4 @@
 mod lost_camera;
 mod method_preset;
 mod names;
-mod settings_document;
+mod registered_parts;
