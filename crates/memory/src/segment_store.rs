@@ -25,7 +25,8 @@ pub struct LearningExtent {
 /// `[height, width]`, 0 for none. `contradicted` contains the ids of the predictions that the memory contradicts.
 ///
 /// Implement this trait for a kind of memory of your own, and create the memory with
-/// [`SplatMemory::with_store`](crate::SplatMemory::with_store).
+/// [`SplatMemory::with_store`](crate::SplatMemory::with_store), or register the kind with
+/// [`register_memory_kind`](crate::register_memory_kind), so that `memory.kind` chooses it.
 pub trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// Returns what this kind of memory asks of the map and of the methods; called once.
     fn rules(&self) -> MemoryRules {
