@@ -8,6 +8,7 @@ mod layers;
 mod preset;
 pub(crate) mod registry;
 pub(crate) mod table;
+mod toml_table;
 mod usage;
 
 pub use crate::parts::{MethodName, MethodSettings, SegmenterName, SegmenterSettings, TrackerName, TrackerSettings};
