@@ -9,7 +9,7 @@ use glam::DVec3;
 use serde_json::{Value, json};
 use splatseg_dataset::{DatasetSettings, Scene, open_scene};
 use splatseg_geometry::{CameraFrame, Pose};
-use splatseg_odometry::{PoseMode, PoseSource, PoseState, TrackedPoses};
+use splatseg_odometry::{PoseInput, PoseMode, PoseSource, PoseState, StateScope, TrackedPoses};
 use std::sync::Arc;
 
 const KEYFRAMES: usize = 300;
@@ -39,9 +39,9 @@ fn frame(scene: &Arc<dyn Scene>, index: usize) -> Posed {
 /// A map of keyframes with given poses, and the index of the next frame.
 fn mapped(scene: &Arc<dyn Scene>) -> (TrackedPoses, usize) {
     let (mut poses, mut index) = (TrackedPoses::new(PoseMode::Given), 0);
-    while poses.keyframe_poses().len() < KEYFRAMES {
+    while poses.keyframes().len() < KEYFRAMES {
         let (frame, pose) = frame(scene, index);
-        poses.pose(&frame, Some(&pose)).expect("the frame has a pose");
+        poses.pose(&frame, PoseInput::new(0, Some(&pose))).expect("the frame has a pose");
         index += STEP;
     }
     (poses, index)
@@ -50,22 +50,23 @@ fn mapped(scene: &Arc<dyn Scene>) -> (TrackedPoses, usize) {
 /// A camera that has been found in a map. `frames` are those from `index` on.
 fn found(keyframes: &[u8], frames: &[Posed]) -> TrackedPoses {
     let mut poses = lost(keyframes);
-    let states: Vec<PoseState> =
-        frames.iter().map(|(frame, _)| poses.pose(frame, None).expect("a pose is tracked").state).collect();
+    let mut tracked = |frame| poses.pose(frame, PoseInput::default()).expect("a pose is tracked").pose.state;
+    let states: Vec<PoseState> = frames.iter().map(|(frame, _)| tracked(frame)).collect();
     assert_eq!(states.last(), Some(&PoseState::Tracked), "{states:?}");
     poses
 }
 
 fn lost(keyframes: &[u8]) -> TrackedPoses {
     let mut poses = TrackedPoses::new(PoseMode::Track);
-    poses.load_keyframes(keyframes).expect("the keyframes have just been made");
+    poses.restore(StateScope::Map, keyframes).expect("the keyframes have just been made");
     poses
 }
 
 /// The same camera in a map that has drifted. A search among the neighbours of a keyframe of the second round is due if
 /// `is_due`: it closes the loop.
 fn drifted(poses: &TrackedPoses, is_due: bool) -> TrackedPoses {
-    let mut state: Value = serde_json::from_slice(&poses.save().expect("there is a state")).expect("it is JSON");
+    let mut state: Value =
+        serde_json::from_slice(&poses.save(StateScope::Run).expect("there is a state")).expect("it is JSON");
     let map = &mut state["map"];
     let mut moved: Vec<Pose> = Vec::new();
     for keyframe in map["keyframes"].as_array_mut().expect("a list").iter_mut().take(KEYFRAMES) {
@@ -85,15 +86,16 @@ fn drifted(poses: &TrackedPoses, is_due: bool) -> TrackedPoses {
     map["edges"] = edges.map(|(from, to)| edge(from, to)).collect();
     map["checks"] = if is_due { json!([{"neighbours": KEYFRAMES - 5}]) } else { json!([]) };
     let mut poses = TrackedPoses::new(PoseMode::Track);
-    poses.restore(&serde_json::to_vec(&state).expect("it was JSON")).expect("it was a state");
+    let state = serde_json::to_vec(&state).expect("it was JSON");
+    poses.restore(StateScope::Run, &state).expect("it was a state");
     poses
 }
 
 fn bench_frame(criterion: &mut Criterion, name: &str, poses: &TrackedPoses, frame: &CameraFrame<'_>) {
-    let step = |mut poses: TrackedPoses| rayon::scope(|_| (poses.pose(frame, None).map(|pose| pose.state), poses));
-    let (state, mut after) = step(poses.clone());
-    let moved = after.take_correction().map_or(0, |correction| correction.new_from_old.len());
-    println!("{name}: {:?}, {moved} keyframes corrected", state.expect("a pose is tracked"));
+    let step = |mut poses: TrackedPoses| rayon::scope(|_| (poses.pose(frame, PoseInput::default()), poses));
+    let update = step(poses.clone()).0.expect("a pose is tracked");
+    let moved = update.correction.map_or(0, |correction| correction.new_from_old.len());
+    println!("{name}: {:?}, {moved} keyframes corrected", update.pose.state);
     criterion.bench_function(name, |bencher| bencher.iter_batched(|| poses.clone(), step, BatchSize::PerIteration));
 }
 
@@ -104,7 +106,7 @@ fn keyframes(criterion: &mut Criterion) {
     let (new, _) = frame(&scene, index);
     criterion.bench_function("making_and_storing_a_keyframe", |bencher| {
         let add = |mut poses: TrackedPoses| {
-            let made = rayon::scope(|_| poses.pose(&new, Some(&far(0))));
+            let made = rayon::scope(|_| poses.pose(&new, PoseInput::new(0, Some(&far(0)))));
             (made.is_ok(), poses)
         };
         bencher.iter_batched(|| mapped.clone(), add, BatchSize::PerIteration);
@@ -112,12 +114,12 @@ fn keyframes(criterion: &mut Criterion) {
     let (mut full, mut number) = (mapped.clone(), 0);
     let mut add = |poses: &mut TrackedPoses| {
         number += 1;
-        rayon::scope(|_| poses.pose(&new, Some(&far(number))).is_ok())
+        rayon::scope(|_| poses.pose(&new, PoseInput::new(0, Some(&far(number)))).is_ok())
     };
     (0..100).for_each(|_| assert!(add(&mut full)));
     criterion.bench_function("the_same_in_a_full_map", |bencher| bencher.iter(|| add(&mut full)));
 
-    let saved = mapped.keyframes().expect("there are keyframes");
+    let saved = mapped.save(StateScope::Map).expect("there are keyframes");
     let next: Vec<Posed> = (index..index + 3).map(|index| frame(&scene, index)).collect();
     bench_frame(criterion, "searching_a_known_place", &lost(&saved), &next[0].0);
     bench_frame(criterion, "searching_an_unknown_place", &lost(&saved), &frame(&other, index).0);

@@ -6,7 +6,7 @@
 
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, PoseConvention, QuaternionOrder, open_scene};
 use splatseg_geometry::{CameraFrame, Image, Pose};
-use splatseg_odometry::{PoseMode, PoseSource, TrackedPoses};
+use splatseg_odometry::{PoseInput, PoseMode, PoseSource, TrackedPoses};
 use splatseg_settings::Choice;
 use std::collections::VecDeque;
 use std::error::Error;
@@ -33,14 +33,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         let given: Option<Pose> = streamed.world_from_camera.map(|pose| stated.stated(&pose));
         let Some(frame) = change.of(streamed.frame)? else { continue };
         let started = Instant::now();
-        poses.pose(&frame, given.as_ref())?;
+        let update = poses.pose(&frame, PoseInput::new(count, given.as_ref()))?;
         let time = started.elapsed();
         (total, longest, count) = (total + time, longest.max(time), count + 1);
-        for doubt in poses.take_input_doubts() {
+        for doubt in update.doubts {
             println!("frame {count}: {:?}: {}", doubt.kind, doubt.text);
         }
     }
-    for doubt in poses.take_last_input_doubts() {
+    for doubt in poses.finish() {
         println!("end: {:?}: {}", doubt.kind, doubt.text);
     }
     println!("{path}: {count} frames, {total:.1?} in all, {longest:.1?} the longest");

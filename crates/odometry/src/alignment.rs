@@ -16,7 +16,7 @@ use crate::prior::{MotionPrior, scaled, unscaled};
 use crate::pyramid::Level;
 use crate::reference::ReferencePoint;
 use crate::se3::{self, Twist};
-use crate::sums::{BLOCK, Sums};
+use crate::sums::{BLOCK, Counts, Sums};
 use glam::{DVec3, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 use splatseg_geometry::{LocalPose, Pose};
@@ -54,9 +54,6 @@ const TO_DEVIATION: f32 = 1.4826;
 const DISTANCE_BINS: f32 = 16.0;
 const GREY_BINS: f32 = 4.0;
 
-/// Geometry or image is judged by at least this many points.
-const MIN_MEASUREMENTS: f32 = 150.0;
-
 /// Limits of the gain between two images' luminance.
 const GAIN: (f32, f32) = (0.6, 1.6);
 
@@ -91,43 +88,6 @@ pub(crate) struct Fit {
     gradient: Twist,
     pub(crate) counts: Counts,
     scales: Scales,
-}
-
-/// Numbers of points.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Counts {
-    /// Points that project into the image.
-    pub(crate) visible: f32,
-    /// Visible points at which the frame has depth.
-    pub(crate) with_depth: f32,
-    /// Points whose measured depth agrees with the plane.
-    pub(crate) near_plane: f32,
-    /// Visible points with texture that are not covered by something nearer.
-    pub(crate) with_texture: f32,
-    /// Points with texture whose luminance agrees.
-    pub(crate) same_grey: f32,
-}
-
-impl Counts {
-    /// Share of a keyframe's `points` that the frame confirms, by geometry or image, 0 to 1.
-    pub(crate) fn agreement(&self, points: usize) -> f32 {
-        (self.near_plane + self.same_grey) / (2.0 * points.max(1) as f32)
-    }
-
-    /// Shares of the visible measurements that agree with the keyframe: of the distances, and of the luminance. `None`
-    /// where there is too little to judge.
-    pub(crate) fn inliers(&self) -> [Option<f32>; 2] {
-        let judged = |agreeing: f32, measured: f32| (measured >= MIN_MEASUREMENTS).then(|| agreeing / measured);
-        [judged(self.near_plane, self.with_depth), judged(self.same_grey, self.with_texture)]
-    }
-
-    /// Mean of [`Self::inliers`] over those that can be judged; 0 if none can.
-    pub(crate) fn mean_inliers(&self) -> f32 {
-        match self.inliers() {
-            [Some(geometry), Some(image)] => 0.5 * (geometry + image),
-            [one, other] => one.or(other).unwrap_or(0.0),
-        }
-    }
 }
 
 impl Default for Scales {

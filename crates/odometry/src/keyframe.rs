@@ -1,11 +1,11 @@
 //! Keyframes: earlier frames that later ones are aligned with.
 
-use crate::alignment::{Alignment, Counts, Fit, Scales};
+use crate::alignment::{Alignment, Fit, Scales};
 use crate::prior::MotionPrior;
 use crate::pyramid::{GreyFrame, Pyramid};
 use crate::reference::{DepthNoise, ReferencePoint, select_points};
 use crate::segment_runs::SegmentRuns;
-use crate::sums::Sums;
+use crate::sums::{Counts, Sums};
 use splatseg_geometry::{KeyframeId, Pose, RemappedId, SegmentId};
 use std::collections::BTreeMap;
 

@@ -2,7 +2,7 @@
 
 use crate::graph::{Edge, EdgeKind, PoseGraph, information};
 use crate::keyframes::{KeyframeStore, StoredKeyframe, apart};
-use crate::loop_closing::{ClosedLoop, LoopCandidate, LoopCheck};
+use crate::loops::{ClosedLoop, LoopCandidate, LoopCheck};
 use crate::odometry::MadeKeyframe;
 use crate::pyramid::Pyramid;
 use splatseg_geometry::{FrameAnchor, KeyframeId, MapCorrection, Pose};
@@ -18,6 +18,13 @@ const GIVEN_STEP: (f64, f64) = (0.1, 0.15);
 
 /// The first frame of a new part of the map is put this far beside the others, metres.
 const GAP_BETWEEN_PARTS: f64 = 50.0;
+
+/// Beyond this number the oldest searches for loops are given up: a camera in a hurry makes a keyframe of each frame, which
+/// asks for two searches.
+const MAX_CHECKS: usize = 8;
+
+/// Searches wait for a frame that does not become a keyframe, unless there are more than this: those of one keyframe.
+const MAX_WAITING_CHECKS: usize = 2;
 
 /// All keyframes, their relative poses, and the search for loops.
 #[derive(Clone, Debug, Default)]
@@ -46,6 +53,17 @@ impl KeyframeMap {
         self.add(keyframe, link);
         self.ask_for_checks(id);
         self.find_uncertain();
+    }
+
+    /// Asks for the searches for loops of a new keyframe.
+    fn ask_for_checks(&mut self, id: KeyframeId) {
+        self.checks.extend([LoopCheck::Neighbours(id), LoopCheck::Appearance(id)]);
+        self.checks.drain(..self.checks.len().saturating_sub(MAX_CHECKS));
+    }
+
+    /// True if searches for loops cannot wait for a frame that does not become a keyframe.
+    pub(crate) fn is_behind(&self) -> bool {
+        self.checks.len() > MAX_WAITING_CHECKS
     }
 
     /// Adds a keyframe, with its pose relative to another one if that is known.
@@ -177,22 +195,8 @@ impl KeyframeMap {
         }
     }
 
-    /// The parts of all keyframes, dropped ones too.
-    pub(crate) fn parts(&self) -> BTreeMap<KeyframeId, u32> {
-        let mut parts: BTreeMap<KeyframeId, u32> =
-            self.store.iter().map(|keyframe| (keyframe.id, keyframe.part)).collect();
-        let dropped = self.store.replaced.iter();
-        parts.extend(dropped.filter_map(|(id, (kept, _))| Some((*id, self.store.get(*kept)?.part))));
-        parts
-    }
-
     /// Number of parts.
     pub(crate) fn part_count(&self) -> usize {
         self.store.iter().map(|keyframe| keyframe.part).collect::<BTreeSet<u32>>().len()
-    }
-
-    /// The poses of all keyframes.
-    pub(crate) fn poses(&self) -> BTreeMap<KeyframeId, Pose> {
-        self.store.poses()
     }
 }

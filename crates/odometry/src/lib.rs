@@ -7,8 +7,9 @@
 //! | file | |
 //! | --- | --- |
 //! | `pose_source.rs` | the trait, and poses that come with the frames |
-//! | `tracked_poses.rs` | poses that are tracked, always or where they are missing, or refined |
+//! | `tracked_source.rs`, `tracked_poses.rs` | poses that are tracked, always or where they are missing, or refined |
 //! | `pose_event.rs` | what else is found out: loops, new parts of the map, a camera that was found |
+//! | `input_doubt.rs` | what is conspicuous about the input |
 //! | `odometry.rs` | a frame in, its pose out; choice of keyframes; loss and return |
 //! | `pyramid.rs` | a frame at several resolutions |
 //! | `reference.rs` | the points of a keyframe, with planes and image gradients |
@@ -23,18 +24,20 @@
 //! | `relocalisation/` | recognises the place that a frame shows |
 //! | `relocaliser.rs` | where single frames were taken, in a saved map |
 //! | `lost.rs` | the search for a lost camera, and new parts of the map |
-//! | `keyframe_map.rs`, `loop_closing.rs`, `graph/` | relative poses of keyframes, loops, the correction of all poses |
+//! | `keyframe_map.rs`, `loops.rs`, `loop_closing.rs`, `graph/` | relative poses of keyframes, loops, the correction of all poses |
 //! | `se3.rs` | rigid motions as six numbers |
 //! | `saved.rs`, `saved_keyframes.rs` | the state of a run that is resumed; keyframes saved with a map |
 
 mod alignment;
 mod graph;
 mod input_checks;
+mod input_doubt;
 mod keyframe;
 mod keyframe_map;
 mod keyframes;
 mod linear;
 mod loop_closing;
+mod loops;
 mod lost;
 mod motion_test;
 mod movers;
@@ -55,11 +58,14 @@ mod search;
 mod segment_runs;
 mod sums;
 mod tracked_poses;
+mod tracked_source;
 
-pub use input_checks::{DoubtKind, InputDoubt};
+pub use input_doubt::{DoubtKind, InputDoubt};
 pub use odometry::Odometry;
 pub use pose_event::{PoseEvent, PoseEventCounts};
-pub use pose_source::{GivenPoses, PoseSource, PoseSourceError};
+pub use pose_source::{
+    GivenPoses, KeyframePlace, MethodFindings, PoseInput, PoseSource, PoseSourceError, PoseUpdate, StateScope,
+};
 pub use pose_state::{CameraPose, PoseQuality, PoseState};
 pub use relocaliser::{LocatedFrame, Relocaliser};
 pub use saved_keyframes::{KeyframeView, keyframe_views};

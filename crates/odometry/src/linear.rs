@@ -88,6 +88,12 @@ impl Factor {
         }
         solution
     }
+
+    /// The solutions for each column of a matrix, as columns.
+    pub(crate) fn solve_columns(&self, right: &Matrix6) -> Matrix6 {
+        let columns: Matrix6 = std::array::from_fn(|column| self.solve(&right.map(|row| row[column])));
+        std::array::from_fn(|row| std::array::from_fn(|column| columns[column][row]))
+    }
 }
 
 /// One of Jacobi's rotations, after which the element at row `p` and column `q` is zero.

@@ -12,9 +12,9 @@
 use crate::graph::{Edge, EdgeKind, information};
 use crate::keyframe_map::KeyframeMap;
 use crate::keyframes::{StoredKeyframe, apart, distance, hamming};
+use crate::loops::{ClosedLoop, LoopCandidate, LoopCheck};
 use crate::relocalisation::{MAX_DIFFERENCE, Query, Recognised};
 use glam::DVec3;
-use serde::{Deserialize, Serialize};
 use splatseg_geometry::{KeyframeId, MapCorrection, Pose};
 use std::collections::BTreeMap;
 
@@ -42,13 +42,6 @@ const MAX_WAIT: KeyframeId = 6;
 /// Parts of the map are joined only by places with this many features that agree.
 const MIN_INLIERS_OF_PARTS: usize = 18;
 
-/// Beyond this number the oldest searches for loops are given up: a camera in a hurry makes a keyframe of each frame, which
-/// asks for two searches.
-const MAX_CHECKS: usize = 8;
-
-/// Searches wait for a frame that does not become a keyframe, unless there are more than this: those of one keyframe.
-const MAX_WAITING_CHECKS: usize = 2;
-
 /// An alignment may have slid by this much, metres: similar features farther apart say nothing.
 const LARGEST_SLIDE: f32 = 0.5;
 /// Features are the same if they are this close, metres: at once, and per square metre of the squared depth.
@@ -59,47 +52,7 @@ const MIN_SAME_FEATURES: usize = 8;
 /// Loops that change a pose by less than this, metres and radians, do not correct the map.
 const MIN_CHANGE: (f64, f64) = (0.01, 0.006);
 
-/// A search for loops that is yet to be done.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub(crate) enum LoopCheck {
-    /// Align a keyframe with earlier ones nearby.
-    Neighbours(KeyframeId),
-    /// Search for a keyframe's place by appearance.
-    Appearance(KeyframeId),
-}
-
-/// A place that was recognised once.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct LoopCandidate {
-    pub(crate) edge: Edge,
-    /// The motion that would bring the newer keyframe to its recognised place.
-    correction: Pose,
-}
-
-/// A loop that has been closed. The map is corrected in another frame than it was found, so that no frame takes long.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct ClosedLoop {
-    /// Pairs of an earlier keyframe and a later one, the latest last.
-    joined: Vec<(KeyframeId, KeyframeId)>,
-    /// The motion of the later keyframe's part of the map, if that was another one.
-    part_motion: Option<Pose>,
-}
-
 impl KeyframeMap {
-    /// Asks for the searches for loops of a new keyframe.
-    pub(crate) fn ask_for_checks(&mut self, id: KeyframeId) {
-        self.checks.extend([LoopCheck::Neighbours(id), LoopCheck::Appearance(id)]);
-        self.checks.drain(..self.checks.len().saturating_sub(MAX_CHECKS));
-    }
-
-    /// True if searches for loops cannot wait for a frame that does not become a keyframe.
-    pub(crate) fn is_behind(&self) -> bool {
-        self.checks.len() > MAX_WAITING_CHECKS
-    }
-
     /// Does one search for loops, if any is due, or corrects the map if the last one has closed a loop. Returns the
     /// correction.
     pub(crate) fn check_loops(&mut self) -> Option<MapCorrection> {
@@ -188,8 +141,7 @@ impl KeyframeMap {
 
     /// Moves the part of the map with keyframe `new` to that with `old`.
     fn join_parts(&mut self, new: KeyframeId, old: KeyframeId, motion: &Pose) {
-        let part_of = |id: KeyframeId| self.store.get(self.store.kept(id)).map(|keyframe| keyframe.part);
-        let (Some(from), Some(into)) = (part_of(new), part_of(old)) else { return };
+        let (Some(from), Some(into)) = (self.store.part_of(new), self.store.part_of(old)) else { return };
         let moved: Vec<KeyframeId> =
             self.store.iter().filter(|keyframe| keyframe.part == from).map(|keyframe| keyframe.id).collect();
         for id in moved {

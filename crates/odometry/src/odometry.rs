@@ -9,7 +9,7 @@ use crate::prior::{LastFrame, MAX_ERROR, MotionPrior};
 use crate::pyramid::{GreyFrame, Pyramid};
 use crate::se3;
 use crate::segment_runs::SegmentRuns;
-use crate::{CameraPose, PoseQuality, PoseState};
+use crate::{CameraPose, InputDoubt, PoseQuality, PoseState};
 use splatseg_geometry::{CameraFrame, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -181,8 +181,8 @@ impl Odometry {
         }
     }
 
-    /// A sentence about a wrong focal length, if the tracked frames say so.
-    pub(crate) fn focal_doubt(&self) -> Option<String> {
+    /// A doubt about the focal length, if the tracked frames say that it is wrong.
+    pub(crate) fn focal_doubt(&self) -> Option<InputDoubt> {
         self.focal.doubt(&self.keyframes.back()?.frame.intrinsics)
     }
 

@@ -1,6 +1,6 @@
 //! Doubts of the tracked frames about the camera's focal length and its exposure.
 
-use crate::{CameraPose, PoseState};
+use crate::{CameraPose, DoubtKind, InputDoubt, PoseState};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::Intrinsics;
 
@@ -61,16 +61,17 @@ impl FocalEstimate {
         (self.asked >= MIN_FRAMES && is_significant && error.abs() > MIN_ERROR).then(|| libm::exp(error))
     }
 
-    /// A sentence about a wrong focal length, if the frames say so. `intrinsics` are those of the frames.
-    pub(crate) fn doubt(&self, intrinsics: &Intrinsics) -> Option<String> {
+    /// A doubt about the focal length, if the frames say that it is wrong. `intrinsics` are those of the frames.
+    pub(crate) fn doubt(&self, intrinsics: &Intrinsics) -> Option<InputDoubt> {
         let factor = self.factor()?;
         let Intrinsics { fx, width, height, .. } = *intrinsics;
         let side = if factor > 1.0 { "short" } else { "long" };
-        Some(format!(
+        let text = format!(
             "the focal length seems to be too {side}: frames taken from other directions fit best with about {factor:.2} \
              times its value ({:.0} instead of {fx:.0} pixels for {width}x{height}); check the intrinsics",
             factor * f64::from(fx)
-        ))
+        );
+        Some(InputDoubt { kind: DoubtKind::FocalLength, text })
     }
 }
 
@@ -90,16 +91,17 @@ impl ImageUse {
         }
     }
 
-    /// A sentence about images that show too little, if there are many.
-    pub(crate) fn doubt(&self) -> Option<String> {
+    /// A doubt about images that show too little, if there are many.
+    pub(crate) fn doubt(&self) -> Option<InputDoubt> {
         let Self { tracked, by_depth_alone } = *self;
         let is_much = by_depth_alone >= MIN_DEPTH_ALONE && by_depth_alone as f32 >= DEPTH_ALONE_SHARE * tracked as f32;
         is_much.then(|| {
-            format!(
+            let text = format!(
                 "the image was too dark, or had too little contrast, to track the camera in {by_depth_alone} of {tracked} \
                  tracked frames: their poses are from depth alone and drift, by centimetres within a few metres; check the \
                  light and the exposure"
-            )
+            );
+            InputDoubt { kind: DoubtKind::Exposure, text }
         })
     }
 }
@@ -120,9 +122,9 @@ mod tests {
 
     #[test]
     fn a_focal_length_is_doubted_from_enough_frames_only() {
-        let doubt = estimate(20, 0.1).doubt(&CAMERA).unwrap();
+        let doubt = estimate(20, 0.1).doubt(&CAMERA).unwrap().text;
         assert!(doubt.contains("too short") && doubt.contains("1.18 times its value (295 instead of 250"), "{doubt}");
-        assert!(estimate(20, -0.1).doubt(&CAMERA).unwrap().contains("too long"));
+        assert!(estimate(20, -0.1).doubt(&CAMERA).unwrap().text.contains("too long"));
         assert_eq!(estimate(20, 0.026).doubt(&CAMERA), None, "a Kinect with the right intrinsics");
         assert_eq!(estimate(3, 0.1).doubt(&CAMERA), None);
         assert_eq!(FocalEstimate::default().doubt(&CAMERA), None);
@@ -151,6 +153,6 @@ mod tests {
             images.doubt()
         };
         assert_eq!((doubt(0, 0), doubt(9, 7), doubt(90, 10)), (None, None, None));
-        assert!(doubt(30, 10).unwrap().contains("in 10 of 40 tracked frames"));
+        assert!(doubt(30, 10).unwrap().text.contains("in 10 of 40 tracked frames"));
     }
 }

@@ -6,91 +6,116 @@ use std::collections::BTreeMap;
 use thiserror::Error;
 
 /// Determines the pose of each frame before the method processes it.
+///
+/// For each frame, [`Self::pose`] is called, then [`Self::receive`] with what the method has found. [`Self::finish`] is
+/// called after the last one.
 pub trait PoseSource: Send {
-    /// The pose of the next frame. `given` is the pose that came with the frame, camera to world.
+    /// The pose of the next frame, and what else the source has found out with it.
     ///
     /// # Errors
-    /// If the frame cannot be used without a pose. The frame is skipped; the next call is for the next frame.
-    fn pose(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) -> Result<CameraPose, PoseSourceError>;
+    /// If the frame cannot be used without a pose. The frame is skipped; the next call is for the next frame, and its
+    /// update has what this one would have told.
+    fn pose(&mut self, frame: &CameraFrame<'_>, input: PoseInput<'_>) -> Result<PoseUpdate, PoseSourceError>;
 
-    /// Receives the segments that the method found in the latest frame, `[height, width]`, 0 for none.
-    fn set_segments(&mut self, _segments: &SegmentMap) {}
+    /// Receives what the method has found: at once the ids that a correction of the map has joined, and after the frame
+    /// its segments.
+    fn receive(&mut self, _found: MethodFindings<'_>) {}
 
-    /// Announces the next frame: its index in its source, and the corrected poses of earlier frames that became known with
-    /// it, by increasing index. Only poses that come with the frames are corrected from outside.
-    fn begin_frame(&mut self, _index: usize, _corrected: &[(usize, Pose)]) {}
-
-    /// The keyframe to which the surfaces of the latest frame are attached.
-    fn anchor(&self) -> FrameAnchor {
-        FrameAnchor::default()
-    }
-
-    /// Returns the correction of earlier poses that the latest frame brought. The map must be corrected before that frame
-    /// is processed.
-    fn take_correction(&mut self) -> Option<MapCorrection> {
-        None
-    }
-
-    /// Returns what the latest frame has told about the camera and the map.
-    fn take_events(&mut self) -> Vec<PoseEvent> {
-        Vec::new()
-    }
-
-    /// Receives the ids that the method has found to be the same object.
-    fn remap(&mut self, _remapped: &[RemappedId]) {}
-
-    /// The present poses of all keyframes, camera to world.
-    fn keyframe_poses(&self) -> BTreeMap<KeyframeId, Pose> {
+    /// The keyframes as they are now.
+    fn keyframes(&self) -> BTreeMap<KeyframeId, KeyframePlace> {
         BTreeMap::new()
     }
 
-    /// The part of the map that each keyframe is in, from 0: where parts are relative to each other is not known.
-    fn keyframe_parts(&self) -> BTreeMap<KeyframeId, u32> {
-        BTreeMap::new()
+    /// Returns, after the last frame, doubts that only all frames together justify.
+    fn finish(&mut self) -> Vec<InputDoubt> {
+        Vec::new()
     }
 
-    /// Returns the keyframes as bytes, to be saved with a map. `None` if there are none.
-    fn keyframes(&self) -> Option<Vec<u8>> {
+    /// Returns the state after the latest frame as bytes, for [`Self::restore`] of another source with the same settings.
+    /// `None` if there is nothing to save.
+    fn save(&self, _scope: StateScope) -> Option<Vec<u8>> {
         None
     }
 
-    /// Loads the keyframes of a saved map, before the first frame: the camera is somewhere in that map.
+    /// Continues with a saved state, before the first frame. A source without keyframes ignores those of a map.
     ///
     /// # Errors
-    /// If the bytes are damaged.
-    fn load_keyframes(&mut self, _keyframes: &[u8]) -> Result<(), PoseSourceError> {
-        Ok(())
+    /// If the state is damaged, of another scope or from another kind of source.
+    fn restore(&mut self, scope: StateScope, _state: &[u8]) -> Result<(), PoseSourceError> {
+        match scope {
+            StateScope::Map => Ok(()),
+            StateScope::Run => Err(PoseSourceError::State("this source of poses has no state".to_owned())),
+        }
     }
+}
 
-    /// Doubts of the tracked frames about the camera's focal length, a sentence each. Empty if nothing is conspicuous.
-    fn calibration_warnings(&self) -> Vec<String> {
-        Vec::new()
-    }
+/// What a source of poses gets with a frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct PoseInput<'a> {
+    /// Index of the frame in its source.
+    pub index: usize,
+    /// The pose that came with the frame, camera to world.
+    pub given: Option<&'a Pose>,
+    /// Corrected poses of earlier frames that became known with this one, by increasing index. Only poses that come with
+    /// the frames are corrected from outside.
+    pub corrected: &'a [(usize, Pose)],
+}
 
-    /// Returns the contradictions that the latest frame has revealed between what came with the frames and what they show,
-    /// each once.
-    fn take_input_doubts(&mut self) -> Vec<InputDoubt> {
-        Vec::new()
+impl<'a> PoseInput<'a> {
+    /// A frame with or without a pose, and no corrections.
+    pub const fn new(index: usize, given: Option<&'a Pose>) -> Self {
+        Self { index, given, corrected: &[] }
     }
+}
 
-    /// Returns, after the last frame, contradictions that more frames would have been awaited for.
-    fn take_last_input_doubts(&mut self) -> Vec<InputDoubt> {
-        Vec::new()
-    }
+/// What a source of poses tells with a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PoseUpdate {
+    /// The frame's pose.
+    pub pose: CameraPose,
+    /// The keyframe to which the surfaces of the frame are attached.
+    pub anchor: FrameAnchor,
+    /// The correction of earlier poses that the frame has brought. The map must be corrected before the frame is processed.
+    pub correction: Option<MapCorrection>,
+    /// What has become known about the camera and the map.
+    pub events: Vec<PoseEvent>,
+    /// Doubts about the input that have arisen, each once.
+    pub doubts: Vec<InputDoubt>,
+}
 
-    /// Returns the state that [`Self::restore`] needs to continue with the next frame, as JSON. `None` if there is no
-    /// state.
-    fn save(&self) -> Option<Vec<u8>> {
-        None
+impl From<CameraPose> for PoseUpdate {
+    /// A pose without anything else.
+    fn from(pose: CameraPose) -> Self {
+        let anchor = FrameAnchor::default();
+        Self { pose, anchor, correction: None, events: Vec::new(), doubts: Vec::new() }
     }
+}
 
-    /// Restores a state from [`Self::save`].
-    ///
-    /// # Errors
-    /// If the state is damaged or from another kind of source.
-    fn restore(&mut self, _state: &[u8]) -> Result<(), PoseSourceError> {
-        Err(PoseSourceError::State("this source of poses has no state".to_owned()))
-    }
+/// What the method has found in a frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct MethodFindings<'a> {
+    /// Ids that turned out to be the same object.
+    pub remapped: &'a [RemappedId],
+    /// The frame's segments, `[height, width]`, 0 for none, with the ids that are left; `None` before it is processed.
+    pub segments: Option<&'a SegmentMap>,
+}
+
+/// Where a keyframe is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KeyframePlace {
+    /// Its pose, camera to world.
+    pub world_from_keyframe: Pose,
+    /// The part of the map that it is in, from 0: where parts are relative to each other is not known.
+    pub part: u32,
+}
+
+/// What a saved state is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum StateScope {
+    /// The same run goes on with the next frame: all that its poses depend on.
+    Run,
+    /// Another run uses the map: the keyframes by which a camera finds its place in it.
+    Map,
 }
 
 /// The poses that come with the frames.
@@ -113,8 +138,8 @@ pub enum PoseSourceError {
 }
 
 impl PoseSource for GivenPoses {
-    fn pose(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) -> Result<CameraPose, PoseSourceError> {
-        let given = given.copied().map(CameraPose::given);
+    fn pose(&mut self, frame: &CameraFrame<'_>, input: PoseInput<'_>) -> Result<PoseUpdate, PoseSourceError> {
+        let given = input.given.copied().map(|pose| CameraPose::given(pose).into());
         given.ok_or_else(|| PoseSourceError::Missing { frame: frame.name().to_owned() })
     }
 }

@@ -34,7 +34,8 @@ pub struct LocatedFrame {
 }
 
 impl Relocaliser {
-    /// Reads the keyframes of a saved map: bytes from [`PoseSource::keyframes`](crate::PoseSource::keyframes).
+    /// Reads the keyframes of a saved map: bytes from [`PoseSource::save`](crate::PoseSource::save) for a
+    /// [map](crate::StateScope::Map).
     ///
     /// # Errors
     /// [`PoseSourceError::State`] if the bytes are damaged.

@@ -4,7 +4,7 @@ use crate::PoseSourceError;
 use crate::graph::{Edge, PoseGraph};
 use crate::keyframe_map::KeyframeMap;
 use crate::keyframes::{CompactView, KeyframeStore, MAX_PIXELS, MAX_STORED, MAX_WIDTH, StoredFeature, StoredKeyframe};
-use crate::loop_closing::{ClosedLoop, LoopCandidate, LoopCheck};
+use crate::loops::{ClosedLoop, LoopCandidate, LoopCheck};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
@@ -185,7 +185,7 @@ pub struct KeyframeView {
 }
 
 /// The keyframes that a saved map contains, without those that it has in common with an earlier one: `keyframes` and
-/// `earlier` are bytes from [`PoseSource::keyframes`](crate::PoseSource::keyframes).
+/// `earlier` are bytes from [`PoseSource::save`](crate::PoseSource::save) for a map.
 ///
 /// # Errors
 /// [`PoseSourceError::State`] if the bytes are damaged, or the views would take more than the memory limit.

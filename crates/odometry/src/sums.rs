@@ -1,7 +1,6 @@
 //! Sums over the points of an alignment. Blocks of points are added up in a fixed order, so that the result does not
 //! depend on the number of threads.
 
-use crate::alignment::Counts;
 use crate::linear::Matrix6;
 use crate::se3::Twist;
 use glam::Vec3;
@@ -10,6 +9,46 @@ use glam::Vec3;
 pub(crate) const BLOCK: usize = 600;
 
 const BINS: usize = 256;
+
+/// Geometry or image is judged by at least this many points.
+const MIN_MEASUREMENTS: f32 = 150.0;
+
+/// Numbers of points.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Counts {
+    /// Points that project into the image.
+    pub(crate) visible: f32,
+    /// Visible points at which the frame has depth.
+    pub(crate) with_depth: f32,
+    /// Points whose measured depth agrees with the plane.
+    pub(crate) near_plane: f32,
+    /// Visible points with texture that are not covered by something nearer.
+    pub(crate) with_texture: f32,
+    /// Points with texture whose luminance agrees.
+    pub(crate) same_grey: f32,
+}
+
+impl Counts {
+    /// Share of a keyframe's `points` that the frame confirms, by geometry or image, 0 to 1.
+    pub(crate) fn agreement(&self, points: usize) -> f32 {
+        (self.near_plane + self.same_grey) / (2.0 * points.max(1) as f32)
+    }
+
+    /// Shares of the visible measurements that agree with the keyframe: of the distances, and of the luminance. `None`
+    /// where there is too little to judge.
+    pub(crate) fn inliers(&self) -> [Option<f32>; 2] {
+        let judged = |agreeing: f32, measured: f32| (measured >= MIN_MEASUREMENTS).then(|| agreeing / measured);
+        [judged(self.near_plane, self.with_depth), judged(self.same_grey, self.with_texture)]
+    }
+
+    /// Mean of [`Self::inliers`] over those that can be judged; 0 if none can.
+    pub(crate) fn mean_inliers(&self) -> f32 {
+        match self.inliers() {
+            [Some(geometry), Some(image)] => 0.5 * (geometry + image),
+            [one, other] => one.or(other).unwrap_or(0.0),
+        }
+    }
+}
 
 /// Sums over points.
 #[derive(Clone, Default)]

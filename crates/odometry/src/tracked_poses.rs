@@ -1,18 +1,13 @@
 //! Poses that are tracked: always, where they are missing, or to refine given ones. Keyframes of all frames are kept.
 
-use crate::input_checks::{InputChecks, InputDoubt};
+use crate::input_checks::InputChecks;
 use crate::keyframe_map::KeyframeMap;
 use crate::lost::{Lost, Search};
 use crate::odometry::TrackedFrame;
 use crate::plausibility::ImageUse;
-use crate::saved::SavedPoses;
-use crate::saved_keyframes;
-use crate::{CameraPose, Odometry, PoseEvent, PoseSource, PoseSourceError, PoseState};
-use splatseg_geometry::{
-    CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, PoseFormat, RemappedId, SegmentMap,
-};
+use crate::{CameraPose, Odometry, PoseEvent, PoseState};
+use splatseg_geometry::{CameraFrame, FrameAnchor, MapCorrection, Pose, PoseFormat};
 use splatseg_settings::choices;
-use std::collections::BTreeMap;
 
 choices! {
     /// Source of the camera's poses.
@@ -33,23 +28,24 @@ choices! {
 /// Poses from [`Odometry`], or from the frames where [`PoseMode`] says so.
 #[derive(Clone, Debug)]
 pub struct TrackedPoses {
-    mode: PoseMode,
+    pub(crate) mode: PoseMode,
     pub(crate) odometry: Odometry,
     /// The latest frame with a given pose, from which the next one may have to be tracked. Only with [`PoseMode::Auto`].
-    anchor: Option<(CameraFrame<'static>, Pose)>,
+    pub(crate) latest_given: Option<(CameraFrame<'static>, Pose)>,
     /// The latest given pose. Only with [`PoseMode::Refine`].
     pub(crate) last_given: Option<Pose>,
     pub(crate) map: KeyframeMap,
     pub(crate) lost: Lost,
     /// True once a frame came with a pose that was used as it is.
     pub(crate) has_given: bool,
-    /// Index of the next frame in its source.
-    index: usize,
-    correction: Option<MapCorrection>,
-    /// Events of the latest frame.
-    events: Vec<PoseEvent>,
-    checks: InputChecks,
-    images: ImageUse,
+    /// Index of the latest frame in its source.
+    pub(crate) index: usize,
+    /// A correction that is to be told with the latest frame.
+    pub(crate) correction: Option<MapCorrection>,
+    /// Events that are to be told with it.
+    pub(crate) events: Vec<PoseEvent>,
+    pub(crate) checks: InputChecks,
+    pub(crate) images: ImageUse,
 }
 
 impl TrackedPoses {
@@ -58,7 +54,7 @@ impl TrackedPoses {
         Self {
             mode,
             odometry: Odometry::new(),
-            anchor: None,
+            latest_given: None,
             last_given: None,
             map: KeyframeMap::default(),
             lost: Lost::default(),
@@ -79,19 +75,33 @@ impl TrackedPoses {
         self
     }
 
+    /// Moves the keyframes with corrected poses of earlier frames, which are not used where poses are tracked.
+    pub(crate) fn correct_given(&mut self, corrected: &[(usize, Pose)]) {
+        if !corrected.is_empty() && !self.is_tracked() {
+            self.correction = self.map.correct_given(corrected);
+        }
+    }
+
+    /// The keyframe to which the latest frame is attached.
+    pub(crate) fn anchor(&self) -> FrameAnchor {
+        let is_tracked = self.is_tracked();
+        self.map.anchor(self.odometry.active_keyframe().filter(|_| is_tracked), is_tracked)
+    }
+
     /// Uses a pose that came with the frame.
-    fn given(&mut self, frame: &CameraFrame<'_>, pose: &Pose) -> CameraPose {
+    pub(crate) fn given(&mut self, frame: &CameraFrame<'_>, pose: &Pose) -> CameraPose {
         self.has_given = true;
         if self.map.wants_given(pose) {
             self.map.add_given(&TrackedFrame::new(frame).pyramid, pose, self.index);
         }
         if self.mode == PoseMode::Auto {
-            self.anchor = Some((frame.clone().into_owned(), *pose));
+            self.latest_given = Some((frame.clone().into_owned(), *pose));
         }
         CameraPose::given(*pose)
     }
 
-    fn refined(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) -> CameraPose {
+    /// Tracks a frame from a given pose that may drift.
+    pub(crate) fn refined(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) -> CameraPose {
         let motion = given.zip(self.last_given.as_ref()).map(|(now, before)| before.inverse() * *now);
         let before = self.odometry.last_pose();
         let initial = given.copied().unwrap_or(Pose::IDENTITY);
@@ -110,8 +120,8 @@ impl TrackedPoses {
     }
 
     /// Tracks a frame without a pose between frames that have one.
-    fn bridged(&mut self, frame: &CameraFrame<'_>) -> CameraPose {
-        self.start_at_anchor();
+    pub(crate) fn bridged(&mut self, frame: &CameraFrame<'_>) -> CameraPose {
+        self.start_at_latest_given();
         self.odometry.next_keyframe = self.odometry.next_keyframe.max(self.map.store.next);
         let tracked = TrackedFrame::new(frame);
         let found = self.odometry.track_frame(&tracked, &Pose::IDENTITY, None);
@@ -119,16 +129,18 @@ impl TrackedPoses {
         found
     }
 
-    fn start_at_anchor(&mut self) {
-        if let Some((frame, pose)) = self.anchor.take() {
+    /// Makes tracking go on from the latest frame with a given pose.
+    pub(crate) fn start_at_latest_given(&mut self) {
+        if let Some((frame, pose)) = self.latest_given.take() {
             self.odometry.set(&frame, &pose);
             self.odometry.made = None;
         }
     }
 
-    fn tracked(&mut self, frame: &CameraFrame<'_>, initial: &Pose) -> CameraPose {
+    /// Tracks a frame, or searches for a camera that is lost. `initial` is the pose of the first frame.
+    pub(crate) fn tracked(&mut self, frame: &CameraFrame<'_>, initial: &Pose) -> CameraPose {
         let tracked = TrackedFrame::new(frame);
-        if self.is_unplaced() {
+        if self.is_without_pose() {
             return self.search(&tracked, None);
         }
         let last = self.odometry.last_pose();
@@ -141,7 +153,7 @@ impl TrackedPoses {
     }
 
     /// True if a map was loaded in which the camera has not been found yet.
-    fn is_unplaced(&self) -> bool {
+    fn is_without_pose(&self) -> bool {
         self.odometry.last.is_none() && self.map.store.len() > 0
     }
 
@@ -218,96 +230,5 @@ impl TrackedPoses {
             PoseMode::Given => false,
             PoseMode::Auto => !self.has_given,
         }
-    }
-}
-
-impl PoseSource for TrackedPoses {
-    fn pose(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) -> Result<CameraPose, PoseSourceError> {
-        self.checks.add(frame, given.filter(|_| self.mode != PoseMode::Track));
-        let found = match (self.mode, given) {
-            (PoseMode::Given | PoseMode::Auto, Some(pose)) => self.given(frame, pose),
-            (PoseMode::Given, None) => return Err(PoseSourceError::Missing { frame: frame.name().to_owned() }),
-            (PoseMode::Auto, None) if self.has_given => self.bridged(frame),
-            (PoseMode::Auto, None) => self.tracked(frame, &Pose::IDENTITY),
-            (PoseMode::Track, given) => self.tracked(frame, given.unwrap_or(&Pose::IDENTITY)),
-            (PoseMode::Refine, given) => self.refined(frame, given),
-        };
-        self.checks.add_placed(frame, &found);
-        self.images.add(&found);
-        Ok(found)
-    }
-
-    fn set_segments(&mut self, segments: &SegmentMap) {
-        self.odometry.set_segments(segments);
-    }
-
-    fn begin_frame(&mut self, index: usize, corrected: &[(usize, Pose)]) {
-        self.index = index;
-        if !corrected.is_empty() && !self.is_tracked() {
-            self.correction = self.map.correct_given(corrected);
-        }
-    }
-
-    fn anchor(&self) -> FrameAnchor {
-        let is_tracked = self.is_tracked();
-        self.map.anchor(self.odometry.active_keyframe().filter(|_| is_tracked), is_tracked)
-    }
-
-    fn take_correction(&mut self) -> Option<MapCorrection> {
-        self.correction.take()
-    }
-
-    fn take_events(&mut self) -> Vec<PoseEvent> {
-        std::mem::take(&mut self.events)
-    }
-
-    fn remap(&mut self, remapped: &[RemappedId]) {
-        self.odometry.remap(remapped);
-    }
-
-    fn keyframe_poses(&self) -> BTreeMap<KeyframeId, Pose> {
-        self.map.poses()
-    }
-
-    fn keyframe_parts(&self) -> BTreeMap<KeyframeId, u32> {
-        self.map.parts()
-    }
-
-    fn keyframes(&self) -> Option<Vec<u8>> {
-        saved_keyframes::bytes(&self.map)
-    }
-
-    fn load_keyframes(&mut self, keyframes: &[u8]) -> Result<(), PoseSourceError> {
-        let mut map = saved_keyframes::parsed(keyframes).map_err(PoseSourceError::State)?;
-        map.begin_session();
-        self.odometry.next_keyframe = map.store.next;
-        self.map = map;
-        Ok(())
-    }
-
-    fn calibration_warnings(&self) -> Vec<String> {
-        self.odometry.focal_doubt().into_iter().chain(self.images.doubt()).collect()
-    }
-
-    fn take_input_doubts(&mut self) -> Vec<InputDoubt> {
-        self.checks.take()
-    }
-
-    fn take_last_input_doubts(&mut self) -> Vec<InputDoubt> {
-        self.checks.take_last()
-    }
-
-    fn save(&self) -> Option<Vec<u8>> {
-        let mut state = self.clone();
-        state.start_at_anchor();
-        serde_json::to_vec(&SavedPoses::of(&state)).ok()
-    }
-
-    fn restore(&mut self, state: &[u8]) -> Result<(), PoseSourceError> {
-        let saved: SavedPoses =
-            serde_json::from_slice(state).map_err(|error| PoseSourceError::State(error.to_string()))?;
-        saved.restore(self).map_err(PoseSourceError::State)?;
-        self.anchor = None;
-        Ok(())
     }
 }

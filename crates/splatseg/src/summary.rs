@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use splatseg_geometry::RemappedId;
 use splatseg_memory::MAX_16_BIT_ID;
 use splatseg_objects::ObjectSighting;
-use splatseg_odometry::{PoseEventCounts, PoseState};
+use splatseg_odometry::{InputDoubt, PoseEventCounts, PoseState};
 use splatseg_tracking::TrackErrorCounts;
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -30,6 +30,9 @@ pub struct Summary {
     /// Median deviation of the measured depth from the surfaces that the camera was tracked against, in units of a
     /// Kinect's deviation; null if no frame was tracked.
     pub pose_residual: Option<f32>,
+    /// What was conspicuous about the input, a sentence each, as the run has told it; absent if nothing was.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub input_doubts: Vec<String>,
     /// Distinct ids in the results.
     pub segments: usize,
     /// Ids that turned out to be the same object as an older id, which has replaced them in all results.
@@ -183,6 +186,8 @@ pub struct RunCounts {
     pub unjoined_frames: usize,
     /// Residual of each tracked frame; see [`PoseQuality::residual`](splatseg_odometry::PoseQuality::residual).
     pub pose_residuals: Vec<f32>,
+    /// What was conspicuous about the input, as far as the run has told it; each sentence once.
+    pub input_doubts: Vec<String>,
     /// Distinct ids in results.
     pub ids: BTreeSet<u32>,
     /// Ids that turned out to be the same object as an older id.
@@ -216,6 +221,14 @@ impl RunCounts {
         self.curve.push(time, gaussians);
         self.remap(&result.remapped);
         self.ids.extend(result.output.segments.areas().into_keys());
+    }
+
+    /// Adds a doubt about the input that the run has told.
+    pub fn add_doubt(&mut self, doubt: &InputDoubt) {
+        // A resumed run may tell the same again.
+        if !self.input_doubts.contains(&doubt.text) {
+            self.input_doubts.push(doubt.text.clone());
+        }
     }
 
     /// Counts ids that turned out to be the same object as an older id before the next frame.

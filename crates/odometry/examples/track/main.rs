@@ -20,8 +20,10 @@ mod segments;
 use cost::{Cost, Costs};
 use loops::TruePath;
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, StreamedFrame, open_scene};
-use splatseg_geometry::{KeyframeId, MapCorrection, Pose};
-use splatseg_odometry::{CameraPose, PoseMode, PoseSource, PoseState, TrackedPoses};
+use splatseg_geometry::{FrameAnchor, KeyframeId, MapCorrection, Pose};
+use splatseg_odometry::{
+    CameraPose, MethodFindings, PoseInput, PoseMode, PoseSource, PoseState, PoseUpdate, StateScope, TrackedPoses,
+};
 use std::error::Error;
 use std::ops::Range;
 
@@ -78,7 +80,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     run.print_errors();
     run.costs.print();
-    run.path.print(&run.poses.keyframes().unwrap_or_default())?;
+    run.path.print(&run.poses.save(StateScope::Map).unwrap_or_default())?;
     Ok(())
 }
 
@@ -87,15 +89,16 @@ impl Run {
         let truth = streamed.world_from_camera.ok_or("the scene has no poses")?;
         let is_covered = self.covered.contains(&number);
         let frame = if is_covered { cover::covered(&streamed.frame)? } else { streamed.frame };
-        let nearest = cover::nearest(self.poses.keyframe_poses().into_values(), &truth);
+        let keyframes = self.poses.keyframes().into_values().map(|keyframe| keyframe.world_from_keyframe);
+        let nearest = cover::nearest(keyframes, &truth);
         // On a thread of the pool, as the pipeline does.
-        let (found, cost) = Cost::of(|| rayon::scope(|_| self.poses.pose(&frame, Some(&truth))));
-        let found = found?;
+        let (found, cost) =
+            Cost::of(|| rayon::scope(|_| self.poses.pose(&frame, PoseInput::new(number, Some(&truth)))));
+        let PoseUpdate { pose: found, anchor, correction, .. } = found?;
         if let Some(segments) = segments::segments(&self.ids, streamed.ground_truth.as_ref(), frame.depth().size()) {
-            self.poses.set_segments(&segments);
+            self.poses.receive(MethodFindings { segments: Some(&segments), ..MethodFindings::default() });
         }
         let name = frame.name();
-        let correction = self.poses.take_correction();
         if let Some(correction) = &correction {
             print_correction(name, correction, &self.poses);
         }
@@ -105,7 +108,7 @@ impl Run {
         if found.state == PoseState::Lost {
             self.mapped_views += usize::from(cover::is_mapped(nearest) && !is_covered);
         }
-        let is_new = found.state != PoseState::Lost && self.record(number, &found, truth);
+        let is_new = found.state != PoseState::Lost && self.record(number, &found, &anchor, truth);
         let kind = match (correction.is_some(), is_new) {
             (true, _) => "corrects the map",
             (_, true) => "becomes a keyframe",
@@ -129,8 +132,7 @@ impl Run {
     }
 
     /// Records a frame with a pose. Returns true if it became a keyframe.
-    fn record(&mut self, number: usize, found: &CameraPose, truth: Pose) -> bool {
-        let anchor = self.poses.anchor();
+    fn record(&mut self, number: usize, found: &CameraPose, anchor: &FrameAnchor, truth: Pose) -> bool {
         let key_from_camera = anchor.world_from_keyframe.inverse() * found.world_from_camera;
         self.tracked.push(Tracked { number, keyframe: anchor.keyframe, key_from_camera, truth });
         self.path.record(anchor.keyframe, &truth)
@@ -138,18 +140,18 @@ impl Run {
 
     fn print_interval(&mut self, frames: usize) {
         let memory = cost::memory();
-        let saved = self.poses.keyframes().unwrap_or_default();
+        let saved = self.poses.save(StateScope::Map).unwrap_or_default();
         let sizes = loops::sizes(&saved).map_or_else(|error| error.to_string(), |sizes| sizes.to_string());
         println!("after {frames} frames: {}; {sizes}, {memory}", self.costs.since_last());
     }
 
-    fn print_errors(&self) {
-        let keyframes = self.poses.keyframe_poses();
+    fn print_errors(&mut self) {
+        let keyframes = self.poses.keyframes();
         let print = |when: &str, is_included: &dyn Fn(usize) -> bool| {
             let included = self.tracked.iter().filter(|frame| is_included(frame.number));
             let squared: Vec<f64> = included
                 .map(|frame| {
-                    let pose = keyframes[&frame.keyframe] * frame.key_from_camera;
+                    let pose = keyframes[&frame.keyframe].world_from_keyframe * frame.key_from_camera;
                     pose.translation().distance_squared(frame.truth.translation())
                 })
                 .collect();
@@ -164,17 +166,17 @@ impl Run {
         }
         print("", &|_| true);
         let poses = self.tracked.iter().map(|frame| frame.key_from_camera);
-        self.poses.calibration_warnings().iter().for_each(|doubt| println!("doubt: {doubt}"));
         println!("hash of the poses: {:016x}", segments::hash(poses));
-        let bytes = self.poses.keyframes().map_or(0, |bytes| bytes.len());
+        self.poses.finish().iter().for_each(|doubt| println!("doubt: {}", doubt.text));
+        let bytes = self.poses.save(StateScope::Map).map_or(0, |bytes| bytes.len());
         println!("saved keyframes: {:.1} kB each", bytes as f64 / 1e3 / keyframes.len().max(1) as f64);
     }
 }
 
 fn print_correction(name: &str, correction: &MapCorrection, poses: &TrackedPoses) {
-    let keyframes = poses.keyframe_poses();
+    let keyframes = poses.keyframes();
     let moved = correction.new_from_old.iter().map(|(id, motion)| {
-        let pose = keyframes[id];
+        let pose = keyframes[id].world_from_keyframe;
         (motion.inverse() * pose).translation().distance(pose.translation())
     });
     println!("{name}: loop {:?}, up to {:.1} cm", correction.joined, 100.0 * moved.fold(0.0, f64::max));

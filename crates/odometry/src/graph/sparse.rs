@@ -3,7 +3,7 @@
 //! Blocks are eliminated in the order of their number of neighbours (minimum degree), which keeps the system sparse. All
 //! sums are in a fixed order and in double precision, so the result has the same bits on every machine.
 
-use crate::linear::Matrix6;
+use crate::linear::{Factor, Matrix6};
 use crate::se3::Twist;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -74,7 +74,7 @@ impl BlockSystem {
     }
 
     fn eliminate(&mut self, row: usize, order: &mut BTreeSet<(usize, usize)>) -> Option<Eliminated> {
-        let factor = Cholesky::new(&self.diagonal[row])?;
+        let factor = Factor::new(&self.diagonal[row], 0.0)?;
         let blocks: Vec<(usize, Matrix6)> = std::mem::take(&mut self.rows[row]).into_iter().collect();
         let right = factor.solve(&self.right[row]);
         let others: Vec<(usize, Matrix6)> =
@@ -104,48 +104,6 @@ impl BlockSystem {
         }
         order.extend(blocks.iter().map(|(other, _)| (self.rows[*other].len(), *other)));
         Some(Eliminated { row, right, others })
-    }
-}
-
-/// The lower triangular factor `L` of a positive definite matrix `L Lᵀ`.
-struct Cholesky(Matrix6);
-
-impl Cholesky {
-    fn new(matrix: &Matrix6) -> Option<Self> {
-        let mut lower: Matrix6 = [[0.0; 6]; 6];
-        for row in 0..6 {
-            for column in 0..=row {
-                let known: f64 = (0..column).map(|k| lower[row][k] * lower[column][k]).sum();
-                let rest = matrix[row][column] - known;
-                if row != column {
-                    lower[row][column] = rest / lower[column][column];
-                } else if rest > 0.0 {
-                    lower[row][row] = rest.sqrt();
-                } else {
-                    return None;
-                }
-            }
-        }
-        Some(Self(lower))
-    }
-
-    fn solve(&self, right: &Twist) -> Twist {
-        let Self(lower) = self;
-        let mut value = *right;
-        for row in 0..6 {
-            let known: f64 = (0..row).map(|k| lower[row][k] * value[k]).sum();
-            value[row] = (value[row] - known) / lower[row][row];
-        }
-        for row in (0..6).rev() {
-            let known: f64 = (row + 1..6).map(|k| lower[k][row] * value[k]).sum();
-            value[row] = (value[row] - known) / lower[row][row];
-        }
-        value
-    }
-
-    fn solve_columns(&self, block: &Matrix6) -> Matrix6 {
-        let columns: [Twist; 6] = std::array::from_fn(|column| self.solve(&block.map(|row| row[column])));
-        std::array::from_fn(|row| std::array::from_fn(|column| columns[column][row]))
     }
 }
 

@@ -3,9 +3,9 @@
 
 use super::edges::{DepthEdge, EdgeFrame, TELLING_CONTRAST};
 use super::registration::Explained;
-use super::units::rounded;
-use super::{DoubtKind, InputDoubt, median};
+use super::units::{median, rounded};
 use crate::se3::{self, Twist};
+use crate::{DoubtKind, InputDoubt};
 use glam::{Vec2, Vec3};
 use splatseg_geometry::{CameraFrame, Intrinsics, Pose};
 use std::time::Duration;

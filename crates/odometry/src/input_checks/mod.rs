@@ -21,35 +21,12 @@ mod registration;
 mod seen_motion;
 mod units;
 
-use crate::{CameraPose, PoseState};
+use crate::{CameraPose, DoubtKind, InputDoubt, PoseState};
 use delay::DelayCheck;
 use pose_check::PoseCheck;
 use registration::{Explained, RegistrationCheck};
 use splatseg_geometry::{CameraFrame, Pose, PoseFormat};
 use units::UsualDepth;
-
-/// What given input contradicts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum DoubtKind {
-    /// Given poses, or the unit of their positions.
-    Poses,
-    /// The unit of depth.
-    DepthUnit,
-    /// The registration of depth to colour.
-    Registration,
-    /// The times of colour and depth.
-    Delay,
-}
-
-/// A contradiction between what came with the frames and what the frames show.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct InputDoubt {
-    /// What is doubted.
-    pub kind: DoubtKind,
-    /// A sentence for the user: what was found, and which setting mends it.
-    pub text: String,
-}
 
 /// The checks of one source of frames.
 #[derive(Clone, Debug)]
@@ -66,12 +43,6 @@ pub(crate) struct InputChecks {
     has_wrong_poses: bool,
     /// Doubts that have not been taken.
     found: Vec<InputDoubt>,
-}
-
-/// The middle one of the values, the upper of two; `None` without any.
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 impl InputChecks {

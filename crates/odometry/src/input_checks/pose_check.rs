@@ -3,7 +3,7 @@
 use super::format_fit::{FormatFit, Pair, formats, motion};
 use super::seen_motion::{SeenFrame, SeenMotion, SmallFrame, image_motion};
 use super::units::{mistaken_unit, remedy, rounded};
-use super::{DoubtKind, InputDoubt};
+use crate::{DoubtKind, InputDoubt};
 use splatseg_geometry::{CameraFrame, Pose, PoseFormat};
 use std::collections::VecDeque;
 

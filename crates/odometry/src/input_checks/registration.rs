@@ -2,7 +2,7 @@
 
 use super::edges::{DepthEdge, EdgeFrame, TELLING_CONTRAST};
 use super::units::rounded;
-use super::{DoubtKind, InputDoubt};
+use crate::{DoubtKind, InputDoubt};
 use glam::Vec2;
 use splatseg_geometry::CameraFrame;
 

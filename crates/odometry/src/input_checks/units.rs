@@ -1,6 +1,6 @@
 //! Whether the unit of depth is plausible, and which one is likely.
 
-use super::{DoubtKind, InputDoubt, median};
+use crate::{DoubtKind, InputDoubt};
 use splatseg_geometry::CameraFrame;
 
 /// Plausible median depth in rooms, metres.
@@ -34,6 +34,12 @@ const MISTAKEN_UNITS: [(f64, f64); 12] = [
 
 /// A measured factor is that of mistaken units if it differs from it by less than this factor.
 const SAME_FACTOR: f64 = 1.2;
+
+/// The middle one of the values, the upper of two; `None` without any.
+pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
 
 /// Median depth of a frame, metres. `None` if it has no depth.
 pub(super) fn median_depth(frame: &CameraFrame<'_>) -> Option<f32> {

@@ -130,6 +130,11 @@ impl KeyframeStore {
         self.replaced.get(&id).map_or(id, |(kept, _)| *kept)
     }
 
+    /// The part of the map that a keyframe is or was in.
+    pub(crate) fn part_of(&self, id: KeyframeId) -> Option<u32> {
+        Some(self.get(self.kept(id))?.part)
+    }
+
     pub(crate) fn len(&self) -> usize {
         self.by_id.len()
     }

@@ -3,7 +3,7 @@
 use crate::scene::{corner, render};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, Scene, SyntheticScene, open_scene};
 use splatseg_geometry::{CameraAxes, CameraFrame, Image, Intrinsics, Pose, PoseFormat};
-use splatseg_odometry::{DoubtKind, InputDoubt, PoseMode, PoseSource, TrackedPoses};
+use splatseg_odometry::{DoubtKind, InputDoubt, PoseInput, PoseMode, PoseSource, TrackedPoses};
 use std::path::{Path, PathBuf};
 
 /// A frame with its true pose.
@@ -37,10 +37,9 @@ fn sideways(frames: usize) -> Vec<Posed> {
 fn doubts_with(frames: &[Posed], mut poses: TrackedPoses) -> Vec<InputDoubt> {
     let mut doubts = Vec::new();
     for (frame, pose) in frames {
-        poses.pose(frame, Some(pose)).unwrap();
-        doubts.extend(poses.take_input_doubts());
+        doubts.extend(poses.pose(frame, PoseInput::new(0, Some(pose))).unwrap().doubts);
     }
-    doubts.extend(poses.take_last_input_doubts());
+    doubts.extend(poses.finish());
     doubts
 }
 
@@ -191,7 +190,8 @@ fn odd_frames_do_not_panic() {
         let color = Image::from_fn(side, side, |column, row| [(column * 37 + row * 91) as u8; 3]);
         let depth = Image::from_fn(side, side, |column, _| if column % 9 < 5 { 1.0 } else { 2.0 });
         let frame = CameraFrame::new("odd", color, depth, camera(side, side)).unwrap();
-        poses.pose(&frame, Some(&Pose::from_translation(glam::DVec3::X * side as f64))).unwrap();
+        let given = Pose::from_translation(glam::DVec3::X * side as f64);
+        poses.pose(&frame, PoseInput::new(0, Some(&given))).unwrap();
     }
 }
 

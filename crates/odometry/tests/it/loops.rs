@@ -3,7 +3,7 @@
 
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
 use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose};
-use splatseg_odometry::{CameraPose, PoseMode, PoseSource, PoseState, TrackedPoses};
+use splatseg_odometry::{CameraPose, PoseInput, PoseMode, PoseSource, PoseState, PoseUpdate, StateScope, TrackedPoses};
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
@@ -48,8 +48,8 @@ fn error(pose: &Pose, truth: &Pose) -> f64 {
 }
 
 fn step(poses: &mut TrackedPoses, (frame, truth): &Posed) -> Step {
-    let pose = poses.pose(frame, Some(truth)).unwrap();
-    Step { pose, correction: poses.take_correction(), anchor: poses.anchor() }
+    let update = poses.pose(frame, PoseInput::new(0, Some(truth))).unwrap();
+    Step { pose: update.pose, correction: update.correction, anchor: update.anchor }
 }
 
 fn with_threads<R: Send>(count: usize, work: impl FnOnce() -> R + Send) -> R {
@@ -64,7 +64,7 @@ fn a_closed_loop_is_the_same_with_any_number_of_threads_and_after_an_interruptio
     let steps: Vec<Step> = with_threads(1, || {
         let mut step = |frame| {
             let found = step(&mut poses, frame);
-            states.push(poses.save().unwrap());
+            states.push(poses.save(StateScope::Run).unwrap());
             found
         };
         walk.iter().map(&mut step).collect()
@@ -79,15 +79,15 @@ fn a_closed_loop_is_the_same_with_any_number_of_threads_and_after_an_interruptio
     let mut again = TrackedPoses::new(PoseMode::Track);
     let found: Vec<Step> = with_threads(4, || walk.iter().map(|frame| step(&mut again, frame)).collect());
     assert_eq!(found, steps);
-    assert_eq!(again.save(), poses.save());
+    assert_eq!(again.save(StateScope::Run), poses.save(StateScope::Run));
 
     // Before; when the loop is found but the map is not corrected yet; and after.
     for interrupted in [closed - 10, closed - 1, closed] {
         let mut resumed = TrackedPoses::new(PoseMode::Track);
-        resumed.restore(&states[interrupted]).unwrap();
+        resumed.restore(StateScope::Run, &states[interrupted]).unwrap();
         let found: Vec<Step> = walk[interrupted + 1..].iter().map(|frame| step(&mut resumed, frame)).collect();
         assert_eq!(found, steps[interrupted + 1..], "resumed after step {interrupted}");
-        assert_eq!(resumed.save(), poses.save());
+        assert_eq!(resumed.save(StateScope::Run), poses.save(StateScope::Run));
     }
 }
 
@@ -102,24 +102,24 @@ fn a_new_part_of_the_map_is_joined_when_the_camera_comes_to_a_known_place() {
     let mut joined = None;
     for (number, index) in walk.iter().enumerate() {
         let (frame, truth) = &room[*index];
-        let pose = poses.pose(frame, Some(truth)).unwrap();
-        let correction = poses.take_correction();
+        let PoseUpdate { pose, correction, anchor, .. } = poses.pose(frame, PoseInput::new(0, Some(truth))).unwrap();
         match number {
             0..80 => assert!(pose.state == PoseState::Tracked && error(&pose.world_from_camera, truth) < 0.02),
             80..170 => assert_eq!(pose.state, PoseState::Lost, "step {number}"),
             _ => assert_eq!(pose.state, PoseState::Tracked, "step {number}"),
         }
         if number >= 170 && joined.is_none() {
-            let keyframe = poses.anchor().keyframe;
             let is_apart = pose.world_from_camera.translation().x > 30.0;
             assert!(is_apart || correction.is_some(), "step {number}");
-            of_part.entry(keyframe).or_insert(*truth);
+            of_part.entry(anchor.keyframe).or_insert(*truth);
         }
         if let Some(correction) = correction {
             // All keyframes of the part move, by tens of metres; those of the known part hardly.
             if joined.is_none() {
+                let keyframes = poses.keyframes();
                 for (id, motion) in &correction.new_from_old {
-                    let moved = error(&poses.keyframe_poses()[id], &(motion.inverse() * poses.keyframe_poses()[id]));
+                    let now = keyframes[id].world_from_keyframe;
+                    let moved = error(&now, &(motion.inverse() * now));
                     assert_eq!(moved > 10.0, of_part.contains_key(id), "keyframe {id}: {moved} m");
                 }
                 assert!(of_part.keys().all(|id| correction.new_from_old.contains_key(id)));

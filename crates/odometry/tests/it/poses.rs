@@ -4,10 +4,13 @@ use crate::scene;
 use crate::scene::{corner, error, path, render};
 use glam::DVec3;
 use splatseg_geometry::{Pose, SegmentMap};
-use splatseg_odometry::{CameraPose, GivenPoses, Odometry, PoseMode, PoseSource, PoseState, TrackedPoses};
+use splatseg_odometry::{
+    CameraPose, GivenPoses, MethodFindings, Odometry, PoseInput, PoseMode, PoseSource, PoseState, StateScope,
+    TrackedPoses,
+};
 
 fn pose(source: &mut dyn PoseSource, number: usize, given: Option<Pose>) -> CameraPose {
-    source.pose(&render(&corner(), &path(number as f64)), given.as_ref()).unwrap()
+    source.pose(&render(&corner(), &path(number as f64)), PoseInput::new(number, given.as_ref())).unwrap().pose
 }
 
 #[test]
@@ -39,9 +42,9 @@ fn given_poses_only_refuse_frames_without_one() {
     let frame = render(&corner(), &path(0.0));
     let sources: [Box<dyn PoseSource>; 2] = [Box::new(GivenPoses), Box::new(TrackedPoses::new(PoseMode::Given))];
     for mut source in sources {
-        let given = source.pose(&frame, Some(&path(3.0))).unwrap();
-        assert_eq!(given, CameraPose::given(path(3.0)));
-        assert_eq!(source.pose(&frame, None).unwrap_err().to_string(), "frame frame has no pose");
+        let given = source.pose(&frame, PoseInput::new(0, Some(&path(3.0)))).unwrap();
+        assert_eq!(given.pose, CameraPose::given(path(3.0)));
+        assert_eq!(source.pose(&frame, PoseInput::new(1, None)).unwrap_err().to_string(), "frame frame has no pose");
     }
 }
 
@@ -74,7 +77,8 @@ fn where_tracking_fails_refined_poses_move_as_the_given_ones() {
             }
             _ => render(&corner(), &path(f64::from(number))),
         };
-        let found = source.pose(&frame, Some(&path(f64::from(number)))).unwrap();
+        let given = path(f64::from(number));
+        let found = source.pose(&frame, PoseInput::new(0, Some(&given))).unwrap().pose;
         assert_ne!(found.state, PoseState::Lost, "frame {number}");
         assert!(error(&found.world_from_camera, &path(f64::from(number))).0 < 0.01, "frame {number}");
     }
@@ -87,11 +91,12 @@ fn poses_with_stop(mode: PoseMode, stop: Option<usize>) -> Vec<CameraPose> {
     for number in 0..40 {
         let given = (mode == PoseMode::Refine || number < 15).then(|| path(number as f64 * 1.1));
         poses.push(pose(&mut source, number, given));
-        source.set_segments(&SegmentMap::from_fn(160, 120, |column, row| 1 + (column / 40 + row / 40) as u32));
+        let segments = SegmentMap::from_fn(160, 120, |column, row| 1 + (column / 40 + row / 40) as u32);
+        source.receive(MethodFindings { segments: Some(&segments), ..MethodFindings::default() });
         if stop == Some(number) {
-            let state = source.save().unwrap();
+            let state = source.save(StateScope::Run).unwrap();
             source = TrackedPoses::new(mode);
-            source.restore(&state).unwrap();
+            source.restore(StateScope::Run, &state).unwrap();
         }
     }
     poses
@@ -111,15 +116,18 @@ fn a_restored_source_continues_with_the_same_poses() {
 fn damaged_states_are_refused() {
     let mut source = TrackedPoses::new(PoseMode::Track);
     pose(&mut source, 0, None);
-    let state = String::from_utf8(source.save().unwrap()).unwrap();
+    let state = String::from_utf8(source.save(StateScope::Run).unwrap()).unwrap();
     let changes =
         [("\"active\":0", "\"active\":1"), ("\"fx\":150.0", "\"fx\":-1.0"), ("\"width\":160", "\"width\":161")];
     for (from, to) in changes {
         assert!(state.contains(from), "{from}");
-        let error = source.restore(state.replace(from, to).as_bytes()).unwrap_err();
+        let error = source.restore(StateScope::Run, state.replace(from, to).as_bytes()).unwrap_err();
         assert!(error.to_string().starts_with("the saved state of the camera's poses cannot be used: "), "{error}");
     }
-    assert!(source.restore(b"{}").is_err() && GivenPoses.restore(state.as_bytes()).is_err());
+    assert!(source.restore(StateScope::Run, b"{}").is_err());
+    assert!(GivenPoses.restore(StateScope::Run, state.as_bytes()).is_err());
+    // Keyframes are of no use to poses that come with the frames.
+    assert!(GivenPoses.restore(StateScope::Map, b"{}").is_ok() && GivenPoses.save(StateScope::Map).is_none());
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
 use splatseg_geometry::{CameraFrame, Image, Pose};
-use splatseg_odometry::{PoseMode, PoseSource, Relocaliser, TrackedPoses};
+use splatseg_odometry::{PoseInput, PoseMode, PoseSource, Relocaliser, StateScope, TrackedPoses};
 use std::path::Path;
 
 /// Frames of a scene with their true poses.
@@ -15,9 +15,9 @@ fn frames(scene: &str, settings: &DatasetSettings) -> Vec<(CameraFrame<'static>,
 fn map_of(frames: &[(CameraFrame<'static>, Pose)]) -> Relocaliser {
     let mut poses = TrackedPoses::new(PoseMode::Track);
     for (frame, truth) in frames {
-        poses.pose(frame, Some(truth)).unwrap();
+        poses.pose(frame, PoseInput::new(0, Some(truth))).unwrap();
     }
-    Relocaliser::new(&poses.keyframes().unwrap()).unwrap()
+    Relocaliser::new(&poses.save(StateScope::Map).unwrap()).unwrap()
 }
 
 /// True if a frame is located within 5 cm and 5 degrees of its true pose; `None` if it is not located.

@@ -138,7 +138,9 @@ pub fn run(path: &Path, inputs: &JobInputs) -> Result<JobResult, String> {
         tell(&result.doubts, inputs)?;
         recorder.record(position, &frame, &result, frames.memory())?;
     }
-    tell(&pipeline.take_last_doubts(), inputs)?;
+    let mut doubts = pipeline.finish();
+    doubts.retain(|doubt| doubt.kind.is_contradiction());
+    tell(&doubts, inputs)?;
     let mesh = inputs.mesh.as_ref().zip(pipeline.memory());
     let mesh = mesh.map(|(mesh, memory)| mesh.score(memory)).transpose()?;
     Ok(JobResult { mesh, ..recorder.finish(inputs, pipeline.memory(), time)? })

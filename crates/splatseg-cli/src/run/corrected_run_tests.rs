@@ -14,7 +14,7 @@ use splatseg_geometry::{
     CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, RemappedId, RgbdFrame, ScoredMask, SegmentId,
 };
 use splatseg_memory::SplatMemory;
-use splatseg_odometry::{CameraPose, PoseSource, PoseSourceError};
+use splatseg_odometry::{CameraPose, KeyframePlace, PoseInput, PoseSource, PoseSourceError, PoseUpdate};
 use splatseg_output::draw_overlay;
 use splatseg_tracking::{FastSamSplat, FrameOutput, Method, TrackingError};
 use std::collections::BTreeMap;
@@ -55,23 +55,21 @@ struct ScriptedPoses {
 }
 
 impl PoseSource for ScriptedPoses {
-    fn pose(&mut self, frame: &CameraFrame<'_>, given: Option<&Pose>) -> Result<CameraPose, PoseSourceError> {
+    fn pose(&mut self, frame: &CameraFrame<'_>, input: PoseInput<'_>) -> Result<PoseUpdate, PoseSourceError> {
         self.frame = number(frame.name());
-        Ok(CameraPose::given(*given.unwrap()))
-    }
-
-    fn anchor(&self) -> FrameAnchor {
         let keyframe = (self.frame / PER_KEYFRAME) as KeyframeId;
-        FrameAnchor { keyframe, world_from_keyframe: keyframe_pose(keyframe, self.frame), ..FrameAnchor::default() }
-    }
-
-    fn take_correction(&mut self) -> Option<MapCorrection> {
+        let world_from_keyframe = keyframe_pose(keyframe, self.frame);
         let new_from_old = BTreeMap::from([(MOVED, moved())]);
-        (self.frame == LOOP).then(|| MapCorrection { new_from_old, joined: vec![(0, 3)] })
+        Ok(PoseUpdate {
+            anchor: FrameAnchor { keyframe, world_from_keyframe, ..FrameAnchor::default() },
+            correction: (self.frame == LOOP).then(|| MapCorrection { new_from_old, joined: vec![(0, 3)] }),
+            ..CameraPose::given(*input.given.unwrap()).into()
+        })
     }
 
-    fn keyframe_poses(&self) -> BTreeMap<KeyframeId, Pose> {
-        (0..5).map(|keyframe| (keyframe, keyframe_pose(keyframe, self.frame))).collect()
+    fn keyframes(&self) -> BTreeMap<KeyframeId, KeyframePlace> {
+        let place = |keyframe| KeyframePlace { world_from_keyframe: keyframe_pose(keyframe, self.frame), part: 0 };
+        (0..5).map(|keyframe| (keyframe, place(keyframe))).collect()
     }
 }
 

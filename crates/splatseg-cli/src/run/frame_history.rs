@@ -4,7 +4,7 @@
 use super::saved_run::SavedFrame;
 use splatseg_geometry::{KeyframeId, Pose, SegmentId};
 use splatseg_objects::{ObjectList, RemapLog};
-use splatseg_odometry::PoseState;
+use splatseg_odometry::{KeyframePlace, PoseState};
 use splatseg_output::FrameRecord;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -72,10 +72,10 @@ impl FrameHistory {
         })
     }
 
-    /// Number of frames that are in another part of the map than the first one. `parts` are those of the keyframes.
-    pub fn unjoined_frames(&self, parts: &BTreeMap<KeyframeId, u32>) -> usize {
-        let Some(first) = parts.values().min() else { return 0 };
-        let in_other_part = |keyframe| parts.get(keyframe).is_some_and(|part| part != first);
+    /// Number of frames that are in another part of the map than the first one. `keyframes` are those at the end.
+    pub fn unjoined_frames(&self, keyframes: &BTreeMap<KeyframeId, KeyframePlace>) -> usize {
+        let Some(first) = keyframes.values().map(|keyframe| keyframe.part).min() else { return 0 };
+        let in_other_part = |keyframe| keyframes.get(keyframe).is_some_and(|keyframe| keyframe.part != first);
         let ranges = self.ranges().filter(|(keyframe, ..)| in_other_part(keyframe));
         let frames = ranges.flat_map(|(.., range)| self.frames.get(range).unwrap_or_default());
         frames.filter(|frame| frame.has_pose).count()
@@ -88,12 +88,13 @@ impl FrameHistory {
     }
 
     /// For each frame, the correction of its pose: new world coordinates from old ones. `None` if its keyframe has not
-    /// moved.
-    pub fn pose_corrections(&self, keyframe_poses: &BTreeMap<KeyframeId, Pose>) -> Vec<Option<Pose>> {
+    /// moved. `keyframes` are those at the end.
+    pub fn pose_corrections(&self, keyframes: &BTreeMap<KeyframeId, KeyframePlace>) -> Vec<Option<Pose>> {
         let mut corrections = vec![None; self.frames.len()];
         for (keyframe, before, range) in self.ranges() {
-            let Some(now) = keyframe_poses.get(keyframe).filter(|now| *now != before) else { continue };
-            let correction = *now * before.inverse();
+            let now = keyframes.get(keyframe).map(|keyframe| keyframe.world_from_keyframe);
+            let Some(now) = now.filter(|now| now != before) else { continue };
+            let correction = now * before.inverse();
             corrections.get_mut(range).unwrap_or_default().fill(Some(correction));
         }
         corrections
@@ -164,11 +165,14 @@ mod tests {
         let changed: Vec<(usize, usize)> =
             history.changed().map(|(position, frame, _)| (position, frame.index)).collect();
         assert_eq!(changed, [(0, 10), (2, 12)]);
-        let poses = BTreeMap::from([(0, at(0.0)), (1, at(1.5))]);
-        assert_eq!(history.pose_corrections(&poses), [None, None, Some(at(0.5)), None]);
+        let keyframes = |parts: [u32; 2]| {
+            let place = |x, part| KeyframePlace { world_from_keyframe: at(x), part };
+            BTreeMap::from([(0, place(0.0, parts[0])), (1, place(1.5, parts[1]))])
+        };
+        assert_eq!(history.pose_corrections(&keyframes([0, 0])), [None, None, Some(at(0.5)), None]);
         assert_eq!(history.pose_corrections(&BTreeMap::new()), [None; 4]);
-        assert_eq!(history.unjoined_frames(&BTreeMap::from([(0, 0), (1, 1)])), 2);
-        assert_eq!(history.unjoined_frames(&BTreeMap::from([(0, 1), (1, 1)])), 0);
+        assert_eq!(history.unjoined_frames(&keyframes([0, 1])), 2);
+        assert_eq!(history.unjoined_frames(&keyframes([1, 1])), 0);
         let mut list = ObjectList::new(&ObjectLog::default(), None);
         history.count_remapped(&mut list);
         assert!(list.objects.is_empty());

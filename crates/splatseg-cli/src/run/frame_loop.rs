@@ -110,7 +110,7 @@ impl FrameLoop<'_> {
             match step {
                 Step::Done { messages, doubts } => {
                     messages.iter().for_each(|message| progress.say(message));
-                    if let Some(contradiction) = self.tell(&doubts, &progress) {
+                    if let Some(contradiction) = self.tell(&doubts, &progress, &mut counts) {
                         break Some(contradiction);
                     }
                 }
@@ -128,19 +128,21 @@ impl FrameLoop<'_> {
             }
         };
         progress.finish();
-        let early = early.or_else(|| self.tell(&frames.take_last_doubts(), &progress));
-        let not_found = reports.camera.at_end().map(str::to_owned);
-        let doubts = frames.calibration_warnings();
-        let at_end = reports.skipped.messages().chain(not_found).chain(misfit(&counts)).chain(doubts);
-        at_end.for_each(|message| progress.warn(&message));
+        let (contradictions, hints): (Vec<_>, Vec<_>) =
+            frames.finish().into_iter().partition(|doubt| doubt.kind.is_contradiction());
+        let early = early.or_else(|| self.tell(&contradictions, &progress, &mut counts));
+        tell_at_end(&reports, &hints, &progress, &mut counts);
         Ok(LoopOutcome { counts, written: writer.finish(), early })
     }
 
-    /// Warns about doubtful input, which ends the run with `strict_input`.
-    fn tell(&self, doubts: &[InputDoubt], progress: &Progress) -> Option<EarlyEnd> {
-        match doubts.first() {
-            Some(first) if self.strict_input => return Some(EarlyEnd::Contradiction(first.text.clone())),
-            _ => doubts.iter().for_each(|doubt| progress.warn(&doubt.text)),
+    /// Warns about input that contradicts itself, which ends the run with `strict_input`.
+    fn tell(&self, doubts: &[InputDoubt], progress: &Progress, counts: &mut RunCounts) -> Option<EarlyEnd> {
+        for doubt in doubts {
+            counts.add_doubt(doubt);
+            if self.strict_input {
+                return Some(EarlyEnd::Contradiction(doubt.text.clone()));
+            }
+            progress.warn(&doubt.text);
         }
         None
     }
@@ -161,14 +163,26 @@ impl FrameLoop<'_> {
             skipped_frames: counts.skipped_frames,
             track_errors: counts.track_errors,
             pose_events: counts.pose_events,
+            input_doubts: counts.input_doubts.clone(),
             ..saving.state.clone()
         };
         let path = saving.staging.join(state.memory_file());
         match frames.save_memory(&path) {
-            Ok(true) => writer.save_state(state, path, frames.pose_state()),
+            Ok(true) => writer.save_state(state, path, frames.saved_poses()),
             Ok(false) => {}
             Err(error) => progress.warn(&format!("the state of the run could not be saved: {error}")),
         }
+    }
+}
+
+/// Warns about what is known at the end only.
+fn tell_at_end(reports: &Reports, hints: &[InputDoubt], progress: &Progress, counts: &mut RunCounts) {
+    let not_found = reports.camera.at_end().map(str::to_owned);
+    let messages = reports.skipped.messages().chain(not_found).chain(misfit(counts));
+    messages.for_each(|message| progress.warn(&message));
+    for hint in hints {
+        progress.warn(&hint.text);
+        counts.add_doubt(hint);
     }
 }
 

@@ -43,6 +43,7 @@ use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{FrameSource, FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_files::read_file;
 use splatseg_objects::MapChanges;
+use splatseg_odometry::StateScope;
 use splatseg_output::{ChangesSince, ResultFolder, RunEnd, RunOutput};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -238,14 +239,15 @@ fn finish_outputs(
     let history = std::mem::take(&mut ended.written.history);
     let images = FrameImages { scene, framing: job.settings.dataset.framing() };
     update_frames(&mut ended.written, &history, &images, &mut ended.counts);
+    let keyframes = pipeline.keyframes();
     let mut objects = pipeline.object_list();
     history.count_remapped(&mut objects);
-    ended.counts.unjoined_frames = history.unjoined_frames(&pipeline.keyframe_parts());
+    ended.counts.unjoined_frames = history.unjoined_frames(&keyframes);
     let end = RunEnd {
         scene: &job.scene.display().to_string(),
         objects: &objects,
         memory: pipeline.memory(),
-        pose_corrections: &history.pose_corrections(&pipeline.keyframe_poses()),
+        pose_corrections: &history.pose_corrections(&keyframes),
         remaps: history.remaps(),
         changes,
     };
@@ -254,7 +256,7 @@ fn finish_outputs(
 
 /// Writes what has changed since a loaded map. Returns `None` if that is unknown.
 fn write_changes(before: &MapBefore, pipeline: &Pipeline, ended: &mut LoopOutcome) -> Option<MapChanges> {
-    let (memory, keyframes) = pipeline.memory().zip(pipeline.keyframes())?;
+    let (memory, keyframes) = pipeline.memory().zip(pipeline.saved_poses(StateScope::Map))?;
     if ended.written.frames == 0 {
         return None;
     }

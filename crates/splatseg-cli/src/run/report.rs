@@ -103,6 +103,7 @@ fn summary(
         pose_events: counts.pose_events,
         unjoined_frames: counts.unjoined_frames,
         pose_residual: counts.pose_residual(),
+        input_doubts: counts.input_doubts.clone(),
         segments: counts.ids.len(),
         remapped_ids: counts.remapped_ids,
         rgb_id_images: counts.rgb_id_images,

@@ -55,6 +55,7 @@ pub fn start(
         skipped_frames: saved.state.skipped_frames,
         track_errors: saved.state.track_errors,
         pose_events: saved.state.pose_events,
+        input_doubts: saved.state.input_doubts.clone(),
         rgb_id_images: saved.frames.iter().filter(|frame| needs_rgb(&frame.objects)).count(),
         ..RunCounts::default()
     };

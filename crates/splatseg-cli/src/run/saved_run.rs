@@ -60,6 +60,9 @@ pub struct RunState {
     pub track_errors: TrackErrorCounts,
     /// Events of the source of poses so far.
     pub pose_events: PoseEventCounts,
+    /// What was conspicuous about the input so far, a sentence each.
+    #[serde(default)]
+    pub input_doubts: Vec<String>,
     /// The settings of the run.
     pub settings: Value,
     /// The names of the run's outputs.
@@ -77,6 +80,7 @@ impl RunState {
             skipped_frames: 0,
             track_errors: TrackErrorCounts::default(),
             pose_events: PoseEventCounts::default(),
+            input_doubts: Vec::new(),
             settings: serde_json::to_value(settings).map_err(Failure::runtime)?,
             outputs: outputs.iter().map(|output| output.name().to_owned()).collect(),
         })

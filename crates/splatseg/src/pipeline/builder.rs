@@ -1,14 +1,15 @@
 //! Builds a pipeline from settings.
 
+use super::kept_names::KeptNames;
 use super::named_map::take_names;
-use super::{Naming, Pipeline, PipelineError, StageClock};
+use super::{Pipeline, PipelineError};
 use crate::parts::{LoadedNetworks, MethodParts, PartContext, TrackerSettings};
 use crate::settings::Settings;
 use splatseg_dataset::Scene;
 use splatseg_kernels::Instructions;
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_objects::{KeptViews, ObjectLog};
-use splatseg_odometry::{PoseSource, TrackedPoses};
+use splatseg_odometry::{PoseSource, StateScope, TrackedPoses};
 use splatseg_segmenter::Segmenter;
 use splatseg_simulators::GroundTruthPrompts;
 use splatseg_tracking::{Method, PromptSource, Tracker, TrackingError};
@@ -30,12 +31,19 @@ pub struct PipelineBuilder<'a> {
     keyframes: Option<Vec<u8>>,
     networks: Arc<LoadedNetworks>,
     objects: ObjectLog,
-    naming: Naming,
+    names: KeptNames,
     progress: Box<dyn FnMut(f32) + 'a>,
 }
 
+impl Pipeline {
+    /// Returns a builder for the pipeline that `settings` describe. Its parts can be replaced by your own.
+    pub fn builder(settings: &Settings) -> PipelineBuilder<'_> {
+        PipelineBuilder::new(settings)
+    }
+}
+
 impl<'a> PipelineBuilder<'a> {
-    pub(super) fn new(settings: &'a Settings) -> Self {
+    fn new(settings: &'a Settings) -> Self {
         Self {
             settings,
             scene: None,
@@ -49,7 +57,7 @@ impl<'a> PipelineBuilder<'a> {
             keyframes: None,
             networks: Arc::default(),
             objects: ObjectLog::default(),
-            naming: Naming::default(),
+            names: KeptNames::default(),
             progress: Box::new(|_| {}),
         }
     }
@@ -103,7 +111,8 @@ impl<'a> PipelineBuilder<'a> {
         self
     }
 
-    /// Sets the state of the source of poses to continue with, from [`Pipeline::pose_state`].
+    /// Sets the state of the source of poses to continue with, from [`Pipeline::saved_poses`] for a
+    /// [run](StateScope::Run).
     #[must_use]
     pub fn saved_poses(mut self, state: Vec<u8>) -> Self {
         self.saved_poses = Some(state);
@@ -127,7 +136,7 @@ impl<'a> PipelineBuilder<'a> {
     /// Keeps the best view of each object, for [`Pipeline::name_objects`]: at most 224 × 224 pixels each, and 64 MiB in all.
     #[must_use]
     pub fn keep_views(mut self) -> Self {
-        self.naming.views = Some(KeptViews::default());
+        self.names.views = Some(KeptViews::default());
         self
     }
 
@@ -158,27 +167,19 @@ impl<'a> PipelineBuilder<'a> {
             Some(method) => method,
             None => self.make_method()?,
         };
-        let segment_ahead = self.settings.run.segment_ahead;
         let mut poses = self.poses.take().unwrap_or_else(|| Box::new(self.tracked_poses()));
         if let Some(keyframes) = &self.keyframes {
-            poses.load_keyframes(keyframes)?;
+            poses.restore(StateScope::Map, keyframes)?;
         }
         if let Some(state) = &self.saved_poses {
-            poses.restore(state)?;
+            poses.restore(StateScope::Run, state)?;
         }
-        let (clock, objects, unreported) = (StageClock::new(), self.objects, Vec::new());
-        Ok(Pipeline {
-            segmenter,
-            poses,
-            method,
-            segment_ahead,
-            clock,
-            objects,
-            unreported,
-            unreported_events: Vec::new(),
-            unreported_doubts: Vec::new(),
-            naming: self.naming,
-        })
+        let mut pipeline = Pipeline::new(segmenter, method);
+        pipeline.poses = poses;
+        pipeline.segment_ahead = self.settings.run.segment_ahead;
+        pipeline.objects = self.objects;
+        pipeline.names = self.names;
+        Ok(pipeline)
     }
 
     /// Builds only the segmenter.
@@ -245,7 +246,7 @@ impl MethodParts for PipelineBuilder<'_> {
             Some(path) => {
                 let mut memory = SplatMemory::load(path, settings.clone())?;
                 self.keyframes = memory.take_keyframes();
-                self.naming.names = take_names(&mut memory, path)?;
+                self.names.names = take_names(&mut memory, path)?;
                 if self.saved_poses.is_none() {
                     memory.start_session();
                 }

@@ -1,18 +1,20 @@
 //! The frame loop.
 
-use super::{FrameResult, Pipeline, PipelineError, Segmented, UnusableFrame};
-use super::{in_thread_pool, process, segment, timed};
+use super::stages::{Segmented, in_thread_pool, process, segment};
+use super::{FrameResult, NameObjectsError, ObjectToName, Pipeline, PipelineError, UnusableFrame};
 use splatseg_dataset::{FrameReadError, FrameSource, StreamedFrame};
 use splatseg_geometry::{Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
-use splatseg_odometry::InputDoubt;
+use splatseg_objects::ObjectName;
+use splatseg_odometry::{InputDoubt, StateScope};
+use std::error::Error;
 use std::path::Path;
 
 /// Iterator over the results of a [`FrameSource`].
 ///
 /// Segmenting ahead changes the time of the results and nothing else: the segmenter does not depend on the method.
 pub struct Frames<'p, S> {
-    pub(super) pipeline: &'p mut Pipeline,
+    pipeline: &'p mut Pipeline,
     source: S,
     next: Option<NextFrame>,
 }
@@ -33,43 +35,54 @@ pub struct Processed {
 /// The next frame of the source, with masks if it was segmented ahead.
 type NextFrame = (Result<StreamedFrame, FrameReadError>, Option<Segmented>);
 
-impl<'p, S: FrameSource> Frames<'p, S> {
-    pub(super) fn new(pipeline: &'p mut Pipeline, source: S) -> Self {
-        Self { pipeline, source, next: None }
+impl Pipeline {
+    /// Processes every frame of a source, e.g. a [`FrameStream`](splatseg_dataset::FrameStream). With `segment_ahead`,
+    /// each frame is segmented while the method works on the previous one.
+    pub fn run<S: FrameSource>(&mut self, source: S) -> Frames<'_, S> {
+        Frames { pipeline: self, source, next: None }
     }
+}
 
+impl<S: FrameSource> Frames<'_, S> {
     /// The splat memory after the latest frame, if the method has one.
     pub fn memory(&self) -> Option<&SplatMemory> {
         self.pipeline.memory()
     }
 
     /// Saves the memory after the latest frame for a run that continues later: with the names of all objects, and without
-    /// keyframes, which are part of [`Self::pose_state`].
+    /// keyframes, which are part of [`Self::saved_poses`].
     ///
     /// # Errors
     /// As [`SplatMemory::save`]; `Ok(false)` if the method has no memory.
     pub fn save_memory(&self, path: impl AsRef<Path>) -> Result<bool, SplatFileError> {
         let Some(memory) = self.memory() else { return Ok(false) };
-        let names = self.pipeline.names();
+        let names = &self.pipeline.names.names;
         // Forgotten objects keep their labels in the list of the whole run.
         let names = (!names.is_empty()).then(|| names.to_bytes());
         memory.save_with(path, Attached { keyframes: None, names: names.as_deref() })?;
         Ok(true)
     }
 
-    /// State of the source of poses after the latest frame; see [`Pipeline::pose_state`].
-    pub fn pose_state(&self) -> Option<Vec<u8>> {
-        self.pipeline.pose_state()
+    /// State of the source of poses after the latest frame, for a run that continues later; see
+    /// [`Pipeline::saved_poses`].
+    pub fn saved_poses(&self) -> Option<Vec<u8>> {
+        self.pipeline.saved_poses(StateScope::Run)
     }
 
-    /// Doubts about the camera after the latest frame; see [`Pipeline::calibration_warnings`].
-    pub fn calibration_warnings(&self) -> Vec<String> {
-        self.pipeline.calibration_warnings()
+    /// Names objects after the latest frame, as [`Pipeline::name_objects`].
+    ///
+    /// # Errors
+    /// As [`Pipeline::name_objects`].
+    pub fn name_objects(
+        &mut self,
+        namer: impl FnMut(ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>>,
+    ) -> Result<usize, NameObjectsError> {
+        self.pipeline.name_objects(namer)
     }
 
-    /// Contradictions that no result has told; see [`Pipeline::take_last_doubts`].
-    pub fn take_last_doubts(&mut self) -> Vec<InputDoubt> {
-        self.pipeline.take_last_doubts()
+    /// Doubts that no result has told, after the last frame; see [`Pipeline::finish`].
+    pub fn finish(&mut self) -> Vec<InputDoubt> {
+        self.pipeline.finish()
     }
 
     /// Number of frames to come, including unusable ones. `None` if the end of the source is not known.
@@ -90,14 +103,12 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
         };
         let corrected: Vec<(usize, Pose)> =
             corrections.iter().map(|correction| (correction.frame, correction.world_from_camera)).collect();
-        pipeline.poses.begin_frame(index, &corrected);
-        let (pose, pose_time) =
-            match timed(|| in_thread_pool(|| pipeline.poses.pose(&frame, world_from_camera.as_ref()))) {
-                (Ok(pose), time) => (pose, time),
-                (Err(error), _) => return Some(Err(error.into())),
-            };
-        let frame = frame.at(pose.world_from_camera);
-        let placed = pipeline.place(pose);
+        pipeline.correct_poses(&corrected);
+        let placed = match pipeline.place(&frame, index, world_from_camera.as_ref()) {
+            Ok(placed) => placed,
+            Err(error) => return Some(Err(error.into())),
+        };
+        let frame = frame.at(placed.pose.world_from_camera);
         let Pipeline { segmenter, method, segment_ahead, clock, objects, .. } = &mut **pipeline;
         // Read on this thread: a thread of the pool that waits for a frame could be the one that the frame waits for.
         let ahead = if *segment_ahead { source.next() } else { None };
@@ -108,7 +119,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
                 || Some(segment(segmenter.as_mut(), &ahead.as_ref()?.as_ref().ok()?.frame)),
             )
         });
-        let result = pipeline.finish(&frame, result, pose_time);
+        let result = result.map(|result| pipeline.completed(&frame, result));
         *next = ahead.map(|frame| (frame, segmented_ahead));
         Some(Ok(Processed { index, frame, ground_truth, result }))
     }

@@ -1,13 +1,10 @@
 //! Names of objects, from your own function: see `docs/OBJECTS.md`.
 
-use super::{Frames, Pipeline};
-use splatseg_dataset::FrameSource;
-use splatseg_geometry::{RemappedId, RgbdFrame, SegmentId};
+use super::Pipeline;
+use super::kept_names::KeptNames;
+use splatseg_geometry::SegmentId;
 use splatseg_memory::SplatMemory;
-use splatseg_objects::{
-    KeptViews, NameError, Object, ObjectList, ObjectName, ObjectNames, ObjectSighting, ObjectState, ObjectView,
-};
-use splatseg_tracking::FrameOutput;
+use splatseg_objects::{NameError, Object, ObjectList, ObjectName, ObjectNames, ObjectState, ObjectView};
 use std::collections::BTreeSet;
 use std::error::Error;
 use thiserror::Error;
@@ -17,7 +14,7 @@ use thiserror::Error;
 pub struct ObjectToName<'a> {
     /// Its id, its present label, and its shape if it is known; without best view and confidence.
     pub object: &'a Object,
-    /// Its best view, with sides of at most [`KeptViews::MAX_SIDE`] pixels.
+    /// Its best view, with sides of at most [`KeptViews::MAX_SIDE`](splatseg_objects::KeptViews::MAX_SIDE) pixels.
     pub view: &'a ObjectView,
 }
 
@@ -44,36 +41,6 @@ pub enum NameObjectsError {
         /// The error.
         source: NameError,
     },
-}
-
-/// Names, and the views that objects are named from.
-#[derive(Default)]
-pub(super) struct Naming {
-    pub(super) names: ObjectNames,
-    pub(super) views: Option<KeptViews>,
-}
-
-impl Naming {
-    /// Ids turned out to be other ids' objects.
-    pub(super) fn remap(&mut self, remapped: &[RemappedId]) {
-        self.names.remap(remapped);
-        if let Some(views) = &mut self.views {
-            views.remap(remapped);
-        }
-    }
-
-    /// Keeps the views of a frame, and forgets what the ids of new objects stood for.
-    pub(super) fn record(&mut self, frame: &RgbdFrame, output: &FrameOutput, sightings: &[ObjectSighting]) {
-        for id in &output.update.new_segments {
-            self.names.forget(*id);
-            if let Some(views) = &mut self.views {
-                views.forget(*id);
-            }
-        }
-        if let Some(views) = &mut self.views {
-            views.record(frame.color(), &output.segments, sightings);
-        }
-    }
 }
 
 impl Pipeline {
@@ -121,16 +88,16 @@ impl Pipeline {
         &mut self,
         mut namer: impl FnMut(ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>>,
     ) -> Result<usize, NameObjectsError> {
-        let views = self.naming.views.as_ref().ok_or(NameObjectsError::NoViews)?;
+        let views = self.names.views.as_ref().ok_or(NameObjectsError::NoViews)?;
         let is_carried = |id: &SegmentId| self.memory().is_none_or(|memory| memory.is_carried(*id));
-        let to_name: BTreeSet<SegmentId> = views.to_name(&self.naming.names).filter(is_carried).collect();
+        let to_name: BTreeSet<SegmentId> = views.to_name(&self.names.names).filter(is_carried).collect();
         // The list of objects takes milliseconds, and mostly there is nothing to name.
         if to_name.is_empty() {
             return Ok(0);
         }
         let objects = self.object_list().objects;
         let present = self.present();
-        let Naming { names, views } = &mut self.naming;
+        let KeptNames { names, views } = &mut self.names;
         // Bounds the names of an endless stream: the log forgets objects too.
         names.keep_only(&objects.iter().map(|object| object.id).collect());
         if let Some(present) = present {
@@ -150,12 +117,12 @@ impl Pipeline {
 
     /// The names of objects, given by [`Self::name_objects`] or loaded with the memory.
     pub const fn names(&self) -> &ObjectNames {
-        &self.naming.names
+        &self.names.names
     }
 
     /// Drops all names, e.g. before naming a loaded map with another network.
     pub fn clear_names(&mut self) {
-        self.naming.names = ObjectNames::default();
+        self.names.names = ObjectNames::default();
     }
 
     /// The objects most similar to an embedding, with the similarity, as in [`ObjectNames::find`]; without objects that
@@ -164,7 +131,7 @@ impl Pipeline {
     /// # Errors
     /// If the embedding has a wrong length or numbers that are not finite.
     pub fn find(&self, embedding: &[f32]) -> Result<Vec<(SegmentId, f32)>, NameError> {
-        let mut found = self.naming.names.find(embedding)?;
+        let mut found = self.names.names.find(embedding)?;
         if let Some(present) = self.present() {
             found.retain(|(id, _)| present.contains(id));
         }
@@ -174,7 +141,7 @@ impl Pipeline {
     /// The objects whose label contains the text, as in [`ObjectNames::find_label`]; without objects that the memory has
     /// forgotten.
     pub fn find_label(&self, text: &str) -> Vec<SegmentId> {
-        let mut found = self.naming.names.find_label(text);
+        let mut found = self.names.names.find_label(text);
         if let Some(present) = self.present() {
             found.retain(|id| present.contains(id));
         }
@@ -185,34 +152,12 @@ impl Pipeline {
     /// [`ObjectList::add_sightings`] is called.
     pub fn object_list(&self) -> ObjectList {
         let mut list = ObjectList::new(&self.objects, self.method.memory());
-        list.add_names(&self.naming.names);
+        list.add_names(&self.names.names);
         list
-    }
-
-    /// The names of the objects that the memory contains, as bytes; `None` without any.
-    pub(super) fn saved_names(&self) -> Option<Vec<u8>> {
-        let mut names = self.naming.names.clone();
-        if let Some(present) = self.present() {
-            names.keep_only(&present);
-        }
-        (!names.is_empty()).then(|| names.to_bytes())
     }
 
     /// The objects in the memory; `None` without a memory.
     fn present(&self) -> Option<BTreeSet<SegmentId>> {
         self.memory().map(SplatMemory::carried_ids)
-    }
-}
-
-impl<S: FrameSource> Frames<'_, S> {
-    /// Names objects after the latest frame, as [`Pipeline::name_objects`].
-    ///
-    /// # Errors
-    /// As [`Pipeline::name_objects`].
-    pub fn name_objects(
-        &mut self,
-        namer: impl FnMut(ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>>,
-    ) -> Result<usize, NameObjectsError> {
-        self.pipeline.name_objects(namer)
     }
 }

@@ -1,8 +1,8 @@
 //! Settings combined from files, options and assignments.
 
 use super::file::SettingsFile;
-use super::preset::with_preset;
-use super::usage::Usage;
+use super::toml_table::{merge, values_by_key};
+use super::usage::{Usage, with_preset};
 use super::{Entry, Settings, SettingsError, entries};
 use splatseg_dataset::DatasetSettings;
 use splatseg_memory::{MemoryKind, SavedMemorySettings};
@@ -26,8 +26,9 @@ impl SettingsLayers {
     /// If the file cannot be read or has the wrong format.
     pub fn add_file(&mut self, path: &Path) -> Result<(), SettingsError> {
         let file = SettingsFile::read(path)?;
-        for (key, _) in Usage::new(&file.table, &[]).values() {
-            self.places.insert(key.to_owned(), (path.to_owned(), file.lines.get(key).copied()));
+        for key in values_by_key(&file.table).into_keys() {
+            let line = file.lines.get(&key).copied();
+            self.places.insert(key, (path.to_owned(), line));
         }
         merge(&mut self.table, file.table);
         Ok(())
@@ -173,18 +174,6 @@ impl SettingsLayers {
         match error.key().and_then(|key| self.places.get(key)).cloned() {
             Some((path, line)) => SettingsError::InFile { path, line, source: Box::new(error) },
             None => error,
-        }
-    }
-}
-
-/// Puts the values `above` over `below`.
-pub(super) fn merge(below: &mut Table, above: Table) {
-    for (key, value) in above {
-        match (below.get_mut(&key), value) {
-            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
-            (_, value) => {
-                below.insert(key, value);
-            }
         }
     }
 }

@@ -9,6 +9,7 @@ mod preset;
 mod registration;
 mod registry;
 mod table;
+mod toml_table;
 mod usage;
 
 pub use crate::parts::{

@@ -1,8 +1,7 @@
 //! Presets of defaults, chosen by `method_preset`.
 
-use super::usage::Usage;
-use super::{Entry, SettingsError};
-use splatseg_settings::{Choice, choices};
+use super::toml_table::values_by_key;
+use splatseg_settings::choices;
 use toml::{Table, Value};
 
 choices! {
@@ -45,7 +44,7 @@ max_absent_frames = 0
 
 impl MethodPreset {
     /// Returns the values that differ from our defaults, as in a settings file.
-    fn values(self) -> Table {
+    pub(super) fn values(self) -> Table {
         match self {
             // `PAPER` is valid TOML, which a test checks.
             Self::Paper => PAPER.parse().unwrap_or_default(),
@@ -55,7 +54,7 @@ impl MethodPreset {
 
     /// Returns the default of a setting, by full key, as TOML; `None` if it equals that of [`Self::Splatseg`].
     pub fn default_of(self, key: &str) -> Option<String> {
-        Usage::new(&self.values(), &[]).values().find(|(other, _)| *other == key).map(|(_, value)| text(value))
+        values_by_key(&self.values()).get(key).map(|value| text(value))
     }
 }
 
@@ -67,27 +66,11 @@ fn text(value: &Value) -> String {
     }
 }
 
-/// Returns the table with the preset's defaults where it has no value. Leaves out defaults that its choices do not use.
-pub(super) fn with_preset(table: &Table, entries: &[Entry]) -> Table {
-    let name = table.get("method_preset").and_then(Value::as_str);
-    let mut filled = name.and_then(MethodPreset::from_name).unwrap_or_default().values();
-    super::layers::merge(&mut filled, table.clone());
-    let given = Usage::new(table, entries);
-    let unused = Usage::new(&filled, entries).unused();
-    for error in unused {
-        if let SettingsError::Unused { key, .. } = error
-            && !given.values().any(|(given, _)| given == key)
-        {
-            super::usage::remove(&mut filled, &key);
-        }
-    }
-    filled
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::{Settings, SettingsLayers, entries};
+    use crate::settings::usage::Usage;
+    use crate::settings::{Settings, SettingsError, SettingsLayers, entries};
 
     fn resolve(assignments: &[&str]) -> Result<Settings, SettingsError> {
         let mut layers = SettingsLayers::default();

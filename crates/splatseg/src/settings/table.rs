@@ -1,7 +1,6 @@
 //! Converts tables of values to settings and back.
 
-use super::preset::with_preset;
-use super::usage::{Usage, only_used};
+use super::usage::{Usage, only_used, with_preset};
 use super::{Entry, MethodSettings, RunSettings, SegmenterSettings, Settings, SettingsError, entries};
 use crate::parts::section;
 use serde::de::Error as _;

@@ -1,7 +1,9 @@
 //! Finds the values of a table that its choices do not use.
 
-use super::{ChosenValues, Entry, Requirement, SettingsError};
+use super::toml_table::{merge, remove, values_by_key};
+use super::{ChosenValues, Entry, MethodPreset, Requirement, SettingsError};
 use splatseg_memory::{MemoryKind, MemorySettings};
+use splatseg_settings::Choice;
 use std::collections::BTreeMap;
 use toml::{Table, Value};
 
@@ -14,9 +16,7 @@ pub struct Usage<'a> {
 impl<'a> Usage<'a> {
     /// Collects the values of a table.
     pub fn new(table: &'a Table, entries: &'a [Entry]) -> Self {
-        let mut values = BTreeMap::new();
-        collect_values("", table, &mut values);
-        Self { values, entries }
+        Self { values: values_by_key(table), entries }
     }
 
     /// Returns every value with its full key.
@@ -90,16 +90,6 @@ impl<'a> Usage<'a> {
     }
 }
 
-fn collect_values<'a>(prefix: &str, table: &'a Table, values: &mut BTreeMap<String, &'a Value>) {
-    for (key, value) in table {
-        let key = splatseg_settings::full_key(prefix, key);
-        match value {
-            Value::Table(inner) => collect_values(&key, inner, values),
-            value => _ = values.insert(key, value),
-        }
-    }
-}
-
 /// Returns the table without unused values.
 pub fn only_used(table: &Table, entries: &[Entry]) -> Table {
     let mut used = table.clone();
@@ -111,17 +101,19 @@ pub fn only_used(table: &Table, entries: &[Entry]) -> Table {
     used
 }
 
-/// Removes the value with a full key, and any section that this leaves empty.
-pub(super) fn remove(table: &mut Table, key: &str) {
-    match key.split_once('.') {
-        Some((section, rest)) => {
-            if let Some(Value::Table(inner)) = table.get_mut(section) {
-                remove(inner, rest);
-                if inner.is_empty() {
-                    table.remove(section);
-                }
-            }
+/// Returns the table with the preset's defaults where it has no value. Leaves out defaults that its choices do not use.
+pub(super) fn with_preset(table: &Table, entries: &[Entry]) -> Table {
+    let name = table.get("method_preset").and_then(Value::as_str);
+    let mut filled = name.and_then(MethodPreset::from_name).unwrap_or_default().values();
+    merge(&mut filled, table.clone());
+    let given = Usage::new(table, entries);
+    let unused = Usage::new(&filled, entries).unused();
+    for error in unused {
+        if let SettingsError::Unused { key, .. } = error
+            && !given.values().any(|(given, _)| given == key)
+        {
+            remove(&mut filled, &key);
         }
-        None => _ = table.remove(key),
     }
+    filled
 }

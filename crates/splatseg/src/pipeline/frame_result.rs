@@ -1,0 +1,29 @@
+//! What a pipeline returns for a frame.
+
+use super::StageTimes;
+use splatseg_geometry::{FrameAnchor, RemappedId};
+use splatseg_objects::ObjectSighting;
+use splatseg_odometry::{CameraPose, InputDoubt, PoseEvent};
+use splatseg_tracking::FrameOutput;
+
+/// The result for one frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameResult {
+    /// The method's result: an id per pixel, masks, changes to the memory.
+    pub output: FrameOutput,
+    /// The objects in the frame, by increasing id.
+    pub objects: Vec<ObjectSighting>,
+    /// Time of each stage.
+    pub times: StageTimes,
+    /// The camera's pose, from the pose source.
+    pub pose: CameraPose,
+    /// The keyframe to which the frame's surfaces are attached.
+    pub anchor: FrameAnchor,
+    /// Ids of earlier frames that turned out to be the same object, since the previous result.
+    pub remapped: Vec<RemappedId>,
+    /// Events of the pose source since the previous result: loops, a lost camera that was found.
+    pub events: Vec<PoseEvent>,
+    /// Doubts about the input that have arisen since the previous result, each once.
+    /// [`Pipeline::finish`](super::Pipeline::finish) returns those that only all frames together justify.
+    pub doubts: Vec<InputDoubt>,
+}

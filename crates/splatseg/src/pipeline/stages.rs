@@ -1,0 +1,74 @@
+//! The stages of a frame after its pose is known, each for itself.
+
+use super::stage_times::StageClock;
+use super::{FrameResult, PipelineError};
+use splatseg_geometry::{CameraFrame, FrameAnchor, RgbdFrame, ScoredMask};
+use splatseg_models::fastsam::FastSamError;
+use splatseg_objects::ObjectLog;
+use splatseg_odometry::{CameraPose, PoseState};
+use splatseg_segmenter::{Segmenter, SegmenterError};
+use splatseg_tracking::Method;
+use std::time::{Duration, Instant};
+
+/// The masks of a frame, and the segmenter's time.
+pub(super) struct Segmented {
+    masks: Result<Vec<ScoredMask>, SegmenterError>,
+    time: Duration,
+}
+
+/// A frame's pose, its place in the map, and the time that they took.
+#[derive(Clone)]
+pub(super) struct Placed {
+    pub(super) pose: CameraPose,
+    pub(super) anchor: FrameAnchor,
+    pub(super) time: Duration,
+}
+
+/// Runs `work` on a thread of Rayon's pool. On any other thread, each of a frame's hundred parallel steps would send its
+/// work to the pool, sleep and be woken, which takes as long as the work itself.
+pub(super) fn in_thread_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    rayon::scope(|_| work())
+}
+
+/// Runs `work` and measures its time.
+pub(super) fn timed<R>(work: impl FnOnce() -> R) -> (R, Duration) {
+    let started = Instant::now();
+    (work(), started.elapsed())
+}
+
+/// Segments a frame.
+pub(super) fn segment(segmenter: &mut dyn Segmenter, frame: &CameraFrame) -> Segmented {
+    let (masks, time) = timed(|| segmenter.segment(frame));
+    Segmented { masks, time }
+}
+
+/// Passes a frame and its masks to the method.
+pub(super) fn process(
+    method: &mut dyn Method,
+    clock: &StageClock,
+    objects: &mut ObjectLog,
+    frame: &RgbdFrame,
+    Placed { pose, anchor, time: pose_time }: Placed,
+    Segmented { masks, time }: Segmented,
+) -> Result<FrameResult, PipelineError> {
+    let name = || frame.name().to_owned();
+    let masks = masks.map_err(|source| match source {
+        SegmenterError::FastSam(FastSamError::Device { .. }) | SegmenterError::Device { .. } => {
+            PipelineError::DeviceFailed { frame: name(), source: Box::new(source) }
+        }
+        source => PipelineError::Segmenter { frame: name(), source: Box::new(source) },
+    })?;
+    let (output, mut times) = clock.time(|| match pose.state {
+        PoseState::Lost => method.process_without_pose(frame, &masks),
+        _ => method.process(frame, &masks),
+    });
+    let output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;
+    times.add("segment", time);
+    if pose.state != PoseState::Given || pose.quality.is_some() {
+        times.add("pose", pose_time);
+    }
+    objects.remap(&output.update.remapped);
+    let objects = objects.record(&output);
+    let (remapped, events, doubts) = (Vec::new(), Vec::new(), Vec::new());
+    Ok(FrameResult { output, objects, times, pose, anchor, remapped, events, doubts })
+}

@@ -1,0 +1,182 @@
+//! The pipeline, frame by frame.
+
+use super::kept_names::KeptNames;
+use super::stage_times::StageClock;
+use super::stages::{Placed, in_thread_pool, process, segment, timed};
+use super::{FrameResult, PipelineError};
+use splatseg_geometry::{CameraFrame, KeyframeId, Pose, RemappedId, RgbdFrame};
+use splatseg_memory::{Attached, SplatFileError, SplatMemory};
+use splatseg_objects::ObjectLog;
+use splatseg_odometry::{
+    InputDoubt, KeyframePlace, MethodFindings, PoseEvent, PoseInput, PoseMode, PoseSource, PoseSourceError, PoseUpdate,
+    StateScope, TrackedPoses,
+};
+use splatseg_segmenter::Segmenter;
+use splatseg_tracking::Method;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A segmenter, a pose source and a method: frames go in, lasting ids come out.
+pub struct Pipeline {
+    pub(super) segmenter: Box<dyn Segmenter>,
+    pub(super) poses: Box<dyn PoseSource>,
+    pub(super) method: Box<dyn Method>,
+    pub(super) segment_ahead: bool,
+    pub(super) clock: StageClock,
+    pub(super) objects: ObjectLog,
+    pub(super) names: KeptNames,
+    /// Corrected poses of earlier frames that the source of poses gets with the next frame.
+    corrected: BTreeMap<usize, Pose>,
+    unreported: Unreported,
+}
+
+/// What has become known with frames without a result, to be told with the next one.
+#[derive(Default)]
+struct Unreported {
+    remapped: Vec<RemappedId>,
+    events: Vec<PoseEvent>,
+    doubts: Vec<InputDoubt>,
+}
+
+impl Pipeline {
+    /// Creates a pipeline from your own parts.
+    pub fn new(segmenter: Box<dyn Segmenter>, method: Box<dyn Method>) -> Self {
+        Self {
+            segmenter,
+            poses: Box::new(TrackedPoses::new(PoseMode::Auto)),
+            method,
+            segment_ahead: false,
+            clock: StageClock::new(),
+            objects: ObjectLog::default(),
+            names: KeptNames::default(),
+            corrected: BTreeMap::new(),
+            unreported: Unreported::default(),
+        }
+    }
+
+    /// Processes the next frame of a camera whose pose is known. With [`PoseMode::Track`] and [`PoseMode::Refine`] the
+    /// result may have another pose.
+    ///
+    /// # Errors
+    /// [`PipelineError::Segmenter`] or [`PipelineError::Pose`] if the segmenter or the pose source failed: later frames
+    /// can still be processed. [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device
+    /// failed: no later frame can be processed.
+    pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
+        let placed = self.place(frame, self.objects.frames(), Some(frame.world_from_camera()))?;
+        let world_from_camera = placed.pose.world_from_camera;
+        if world_from_camera == *frame.world_from_camera() {
+            return self.step_placed(frame, placed);
+        }
+        self.step_placed(&frame.clone().into_camera_frame().at(world_from_camera), placed)
+    }
+
+    /// Processes the next frame of a camera whose pose is unknown: it is tracked, unless [`PoseMode::Given`] forbids it.
+    ///
+    /// # Errors
+    /// As [`Self::step`].
+    pub fn step_unposed(&mut self, frame: CameraFrame<'_>) -> Result<FrameResult, PipelineError> {
+        let placed = self.place(&frame, self.objects.frames(), None)?;
+        self.step_placed(&frame.at(placed.pose.world_from_camera), placed)
+    }
+
+    /// Corrects the given poses of earlier frames, e.g. after a SLAM system has closed a loop: the number of each frame, from
+    /// 0, and its pose. The map moves with them before the next frame is processed. Tracked poses are not changed.
+    pub fn correct_poses(&mut self, corrected: &[(usize, Pose)]) {
+        self.corrected.extend(corrected.iter().copied());
+    }
+
+    fn step_placed(&mut self, frame: &RgbdFrame, placed: Placed) -> Result<FrameResult, PipelineError> {
+        let Self { segmenter, method, clock, objects, .. } = self;
+        let result = in_thread_pool(|| {
+            let segmented = segment(segmenter.as_mut(), frame);
+            process(method.as_mut(), clock, objects, frame, placed, segmented)
+        });
+        Ok(self.completed(frame, result?))
+    }
+
+    /// Determines the pose of a frame, and passes what has become known with it to the method.
+    pub(super) fn place(
+        &mut self,
+        frame: &CameraFrame<'_>,
+        index: usize,
+        given: Option<&Pose>,
+    ) -> Result<Placed, PoseSourceError> {
+        let corrected: Vec<(usize, Pose)> = std::mem::take(&mut self.corrected).into_iter().collect();
+        let input = PoseInput { index, given, corrected: &corrected };
+        let (update, time) = timed(|| in_thread_pool(|| self.poses.pose(frame, input)));
+        let PoseUpdate { pose, anchor, correction, events, doubts } = update?;
+        let remapped = correction.map_or_else(Vec::new, |correction| self.method.correct_map(&correction));
+        if !remapped.is_empty() {
+            self.poses.receive(MethodFindings { remapped: &remapped, segments: None });
+            self.objects.remap(&remapped);
+            self.names.remap(&remapped);
+        }
+        self.method.set_anchor(&anchor);
+        self.unreported.remapped.extend(remapped);
+        self.unreported.events.extend(events);
+        self.unreported.doubts.extend(doubts);
+        Ok(Placed { pose, anchor, time })
+    }
+
+    /// Passes what the method has found to the source of poses, keeps views of the objects, and adds what has become known
+    /// since the previous result.
+    pub(super) fn completed(&mut self, frame: &RgbdFrame, mut result: FrameResult) -> FrameResult {
+        let recognised = &result.output.update.remapped;
+        self.poses.receive(MethodFindings { remapped: recognised, segments: Some(&result.output.segments) });
+        if !recognised.is_empty() {
+            self.names.remap(recognised);
+        }
+        self.names.record(frame, &result.output, &result.objects);
+        self.unreported.remapped.extend(recognised);
+        let Unreported { remapped, events, doubts } = std::mem::take(&mut self.unreported);
+        (result.remapped, result.events, result.doubts) = (remapped, events, doubts);
+        result
+    }
+
+    /// Returns, after the last frame, the doubts about the input that no result has told: those of frames without a
+    /// result, and those that only all frames together justify.
+    pub fn finish(&mut self) -> Vec<InputDoubt> {
+        let unreported = std::mem::take(&mut self.unreported.doubts);
+        unreported.into_iter().chain(self.poses.finish()).collect()
+    }
+
+    /// Name of the method.
+    pub fn method_name(&self) -> &str {
+        self.method.name()
+    }
+
+    /// The splat memory, if the method has one.
+    pub fn memory(&self) -> Option<&SplatMemory> {
+        self.method.memory()
+    }
+
+    /// Saves the memory with the names of objects and the camera's keyframes, by which a later run finds its place in the
+    /// map.
+    ///
+    /// # Errors
+    /// As [`SplatMemory::save`]; `Ok(false)` if the method has no memory.
+    pub fn save_memory(&self, path: impl AsRef<Path>) -> Result<bool, SplatFileError> {
+        let Some(memory) = self.memory() else { return Ok(false) };
+        let (keyframes, names) = (self.saved_poses(StateScope::Map), self.names.of_present(memory));
+        memory.save_with(path, Attached { keyframes: keyframes.as_deref(), names: names.as_deref() })?;
+        Ok(true)
+    }
+
+    /// The state of the source of poses after the latest frame, as [`PoseSource::save`] returns it: for
+    /// [`PipelineBuilder::saved_poses`](super::PipelineBuilder::saved_poses), or the keyframes of the map. `None` if it
+    /// has none.
+    pub fn saved_poses(&self, scope: StateScope) -> Option<Vec<u8>> {
+        self.poses.save(scope)
+    }
+
+    /// The keyframes of the source of poses as they are now. Each frame's pose is attached to one of them: see
+    /// [`FrameResult::anchor`].
+    pub fn keyframes(&self) -> BTreeMap<KeyframeId, KeyframePlace> {
+        self.poses.keyframes()
+    }
+
+    /// Log of every object seen so far.
+    pub fn objects(&self) -> &ObjectLog {
+        &self.objects
+    }
+}
