@@ -189,7 +189,7 @@ pub(crate) const WITH_TRACKER: [&str; 2] = ["sam2", "sam2-splat"];
 
 /// Adds the choice of a method.
 pub(crate) fn add_choice(registry: &mut Registry) {
-    registry.add(vec![choice("method", MethodName::default().name(), MethodName::NAMES, "The method.")], &[]);
+    registry.add(vec![choice("method", Some(MethodName::default().name()), MethodName::NAMES, "The method.")], &[]);
 }
 
 /// Adds the settings of each method.

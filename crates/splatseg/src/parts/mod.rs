@@ -1,9 +1,9 @@
-//! The parts that settings choose: methods, segmenters and trackers.
+//! The parts that settings choose: methods, segmenters, trackers and namers.
 //!
-//! A segmenter or tracker can be chosen by its name once it is in the table of its kind. A part is one type: its settings,
-//! declared with `settings!`, which implement [`PartSection`]. The built-in parts are in `segmenters.rs` and `trackers.rs`;
-//! other crates add theirs with [`register_segmenter`](crate::settings::register_segmenter) and
-//! [`register_tracker`](crate::settings::register_tracker).
+//! A segmenter, tracker or namer can be chosen by its name once it is in the table of its kind. A part is one type: its
+//! settings, declared with `settings!`, which implement [`PartSection`]. The built-in parts are in `segmenters.rs` and
+//! `trackers.rs`; other crates add theirs with [`register_segmenter`](crate::settings::register_segmenter),
+//! [`register_tracker`](crate::settings::register_tracker) and [`register_namer`](crate::settings::register_namer).
 //!
 //! Nothing here depends on the pipeline or on the settings of a whole run: both are made of parts.
 
@@ -11,6 +11,7 @@ mod context;
 mod error;
 mod files;
 pub(crate) mod methods;
+pub(crate) mod namers;
 mod networks;
 mod part;
 mod part_settings;
@@ -24,6 +25,7 @@ pub use context::PartContext;
 pub use error::PartError;
 pub use files::{MissingFile, PartFile, PartFiles, SettingsInput};
 pub use methods::{MethodName, MethodSettings};
+pub use namers::{Namer, NamerSettings, ObjectToName};
 pub use networks::LoadedNetworks;
 pub use part::{Part, PartKind, PartSection};
 pub use part_settings::PartSettings;

@@ -80,12 +80,12 @@ pub trait PartSection<T: ?Sized>:
     fn build(&self, files: &PartFiles, context: &PartContext<'_>) -> Result<Box<T>, PartError>;
 }
 
-/// A kind of part with a table: `dyn Segmenter` or `dyn Tracker`.
+/// A kind of part with a table: `dyn Segmenter`, `dyn Tracker` or `dyn Namer`.
 pub trait PartKind: 'static {
     /// The setting that chooses a part, e.g. `segmenter`.
     const KEY: &'static str;
-    /// The settings of the part that is used if none is chosen.
-    type Default: PartSection<Self>;
+    /// The part that is used if none is chosen.
+    const DEFAULT: Option<Part<Self>>;
 
     /// The parts that can be chosen.
     fn table() -> &'static PartTable<Self>;

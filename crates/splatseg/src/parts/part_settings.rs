@@ -141,14 +141,14 @@ impl<T: PartKind + ?Sized> PartSettings<T> {
         })
     }
 
-    /// Reads the part and its settings from a table of checked values.
-    pub(crate) fn from_table(table: &Table) -> Result<Self, SettingError> {
-        let name = table.get(T::KEY).and_then(Value::as_str).unwrap_or(T::Default::NAME);
-        let parts = Part::<T>::all();
-        let part = parts.into_iter().find(|part| part.name == name).unwrap_or(Part::of::<T::Default>());
+    /// Reads the part and its settings from a table of checked values; `None` if none is chosen and there is no default.
+    pub(super) fn chosen_in(table: &Table) -> Result<Option<Self>, SettingError> {
+        let name = table.get(T::KEY).and_then(Value::as_str);
+        let named = Part::<T>::all().into_iter().find(|part| Some(part.name) == name);
+        let Some(part) = named.or(T::DEFAULT) else { return Ok(None) };
         let path = |key| Some((key, PathBuf::from(table.get(key).and_then(Value::as_str)?)));
         let files = PartFiles(part.files.iter().filter_map(|file| path(file.key)).collect());
-        Ok(Self { part, files, section: (part.read)(table)? })
+        Ok(Some(Self { part, files, section: (part.read)(table)? }))
     }
 
     /// Writes the name of the part, its files and its settings, as they are read.
@@ -173,12 +173,6 @@ impl<T: PartKind + ?Sized> PartSettings<T> {
     /// As [`PartSection::build`].
     pub(crate) fn build(&self, context: &PartContext<'_>) -> Result<Box<T>, PartError> {
         self.section.build(&self.files, context)
-    }
-}
-
-impl<T: PartKind + ?Sized> Default for PartSettings<T> {
-    fn default() -> Self {
-        Self::of(T::Default::default())
     }
 }
 

@@ -109,11 +109,11 @@ impl Registry {
 }
 
 /// Describes a setting that chooses a part.
-pub(crate) fn choice(name: &'static str, default: &str, names: &'static [&'static str], help: &str) -> Field {
+pub(crate) fn choice(name: &'static str, default: Option<&str>, names: &'static [&'static str], help: &str) -> Field {
     Field {
         section: "",
         name,
-        default: Some(format!("\"{default}\"")),
+        default: default.map(|default| format!("\"{default}\"")),
         allowed: Allowed::Names(names),
         whole: false,
         is_text_of: |_| true,

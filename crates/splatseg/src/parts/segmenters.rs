@@ -6,8 +6,9 @@ use splatseg_models::fastsam::FastSamPredictorSettings;
 use splatseg_segmenter::{
     AffinitySegmenter, AffinitySettings, FastSamSegmenter, GraphSegmenter, GraphSettings, MaskFolder, Segmenter,
 };
-use splatseg_settings::settings;
+use splatseg_settings::{SettingError, settings};
 use splatseg_simulators::{OracleSegmenter, OracleSettings};
+use toml::Table;
 
 /// A segmenter with its settings.
 pub type SegmenterSettings = PartSettings<dyn Segmenter>;
@@ -22,10 +23,23 @@ static SEGMENTERS: PartTable<dyn Segmenter> = PartTable::new(&[
 
 impl PartKind for dyn Segmenter {
     const KEY: &'static str = "segmenter";
-    type Default = AffinitySettings;
+    const DEFAULT: Option<Part<Self>> = Some(Part::of::<AffinitySettings>());
 
     fn table() -> &'static PartTable<Self> {
         &SEGMENTERS
+    }
+}
+
+impl Default for SegmenterSettings {
+    fn default() -> Self {
+        Self::of(AffinitySettings::default())
+    }
+}
+
+impl SegmenterSettings {
+    /// Reads the segmenter and its settings from a table of checked values.
+    pub(crate) fn from_table(table: &Table) -> Result<Self, SettingError> {
+        Ok(Self::chosen_in(table)?.unwrap_or_default())
     }
 }
 
@@ -112,7 +126,7 @@ impl PartSection<dyn Segmenter> for OracleSettings {
 /// Adds the choice of a segmenter.
 pub(crate) fn add_choice(registry: &mut Registry) {
     let help = "The segmenter whose masks the method uses.";
-    registry.add(vec![choice("segmenter", AffinitySettings::NAME, SEGMENTERS.names(), help)], &[]);
+    registry.add(vec![choice("segmenter", Some(AffinitySettings::NAME), SEGMENTERS.names(), help)], &[]);
     registry.require("segmenter", Requirement::Not(ChosenValues { key: "prompts", values: vec!["ground-truth"] }));
 }
 

@@ -74,7 +74,7 @@ impl<T: PartKind + ?Sized> PartTable<T> {
         let parts = self.built_in.iter().chain(&added.parts).map(|part| part.name);
         if added.names.len() != self.built_in.len() + added.parts.len() {
             let mut names: Vec<&'static str> = parts.collect();
-            names.sort_by_key(|name| *name != T::Default::NAME);
+            names.sort_by_key(|name| T::DEFAULT.is_none_or(|default| *name != default.name));
             // Descriptions of settings hold names forever. There are only a few lists: one per part that is added.
             added.names = names.leak();
         }

@@ -3,8 +3,10 @@
 use super::methods;
 use super::requirements::{Registry, choice};
 use super::{Part, PartContext, PartError, PartFile, PartFiles, PartKind, PartSection, PartSettings, PartTable};
+use splatseg_settings::SettingError;
 use splatseg_simulators::{SimTracker, SimTrackerSettings};
 use splatseg_tracking::{Sam2Tracker, Sam2TrackerSettings, Tracker};
+use toml::Table;
 
 /// A tracker with its settings.
 pub type TrackerSettings = PartSettings<dyn Tracker>;
@@ -14,10 +16,23 @@ static TRACKERS: PartTable<dyn Tracker> =
 
 impl PartKind for dyn Tracker {
     const KEY: &'static str = "tracker";
-    type Default = Sam2TrackerSettings;
+    const DEFAULT: Option<Part<Self>> = Some(Part::of::<Sam2TrackerSettings>());
 
     fn table() -> &'static PartTable<Self> {
         &TRACKERS
+    }
+}
+
+impl Default for TrackerSettings {
+    fn default() -> Self {
+        Self::of(Sam2TrackerSettings::default())
+    }
+}
+
+impl TrackerSettings {
+    /// Reads the tracker and its settings from a table of checked values.
+    pub(crate) fn from_table(table: &Table) -> Result<Self, SettingError> {
+        Ok(Self::chosen_in(table)?.unwrap_or_default())
     }
 }
 
@@ -59,6 +74,6 @@ impl PartSection<dyn Tracker> for SimTrackerSettings {
 pub(crate) fn add_settings(registry: &mut Registry) {
     let tracked = ("method", &methods::WITH_TRACKER[..]);
     let help = "The tracker of the methods `sam2` and `sam2-splat`.";
-    registry.add(vec![choice("tracker", Sam2TrackerSettings::NAME, TRACKERS.names(), help)], &[tracked]);
+    registry.add(vec![choice("tracker", Some(Sam2TrackerSettings::NAME), TRACKERS.names(), help)], &[tracked]);
     TRACKERS.add_settings(registry, &[tracked]);
 }

@@ -167,6 +167,10 @@ impl<'a> PipelineBuilder<'a> {
             Some(method) => method,
             None => self.make_method()?,
         };
+        if let Some(namer) = &self.settings.namer {
+            self.names.namer = Some(namer.build(&self.context())?);
+            self = self.keep_views();
+        }
         let mut poses = self.poses.take().unwrap_or_else(|| Box::new(self.tracked_poses()));
         if let Some(keyframes) = &self.keyframes {
             poses.restore(StateScope::Map, keyframes)?;

@@ -3,12 +3,14 @@
 use crate::parts::PartError;
 use crate::settings::SettingsError;
 use splatseg_dataset::FrameReadError;
+use splatseg_geometry::SegmentId;
 use splatseg_kernels::InstructionsError;
 use splatseg_memory::LoadMemoryError;
 use splatseg_objects::NameError;
 use splatseg_odometry::PoseSourceError;
 use splatseg_segmenter::SegmenterError;
 use splatseg_tracking::TrackingError;
+use std::error::Error as StdError;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -22,7 +24,7 @@ pub enum PipelineError {
     /// The environment variable `SPLATSEG_INSTRUCTIONS` cannot be used.
     #[error(transparent)]
     Instructions(#[from] InstructionsError),
-    /// The segmenter or the tracker could not be built.
+    /// The segmenter, the tracker or the namer could not be built.
     #[error(transparent)]
     Part(#[from] PartError),
     /// The method could not be created.
@@ -73,6 +75,39 @@ pub enum PipelineError {
         frame: String,
         /// The error.
         source: Box<TrackingError>,
+    },
+    /// The namer that the settings chose failed after a frame, whose result is lost.
+    #[error("frame {frame}: {source}")]
+    Namer {
+        /// The frame.
+        frame: String,
+        /// The error.
+        source: NameObjectsError,
+    },
+}
+
+/// An error naming objects. Names given before it stay.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum NameObjectsError {
+    /// The pipeline keeps no views.
+    #[error("the pipeline keeps no views of objects: build it with keep_views")]
+    NoViews,
+    /// The function failed.
+    #[error("naming object {id}: {source}")]
+    Namer {
+        /// The object.
+        id: SegmentId,
+        /// The function's error.
+        source: Box<dyn StdError + Send + Sync>,
+    },
+    /// The function has returned a name that cannot be used.
+    #[error("the name of object {id}: {source}")]
+    Name {
+        /// The object.
+        id: SegmentId,
+        /// The error.
+        source: NameError,
     },
 }
 

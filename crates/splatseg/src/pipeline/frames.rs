@@ -119,7 +119,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
                 || Some(segment(segmenter.as_mut(), &ahead.as_ref()?.as_ref().ok()?.frame)),
             )
         });
-        let result = result.map(|result| pipeline.completed(&frame, result));
+        let result = result.and_then(|result| pipeline.completed(&frame, result));
         *next = ahead.map(|frame| (frame, segmented_ahead));
         Some(Ok(Processed { index, frame, ground_truth, result }))
     }

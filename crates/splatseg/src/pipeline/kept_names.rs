@@ -1,5 +1,6 @@
 //! Names of objects, and what they are named from.
 
+use crate::parts::Namer;
 use splatseg_geometry::{RemappedId, RgbdFrame};
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{KeptViews, ObjectNames, ObjectSighting};
@@ -10,6 +11,8 @@ use splatseg_tracking::FrameOutput;
 pub(super) struct KeptNames {
     pub(super) names: ObjectNames,
     pub(super) views: Option<KeptViews>,
+    /// Names objects after every frame.
+    pub(super) namer: Option<Box<dyn Namer>>,
 }
 
 impl KeptNames {

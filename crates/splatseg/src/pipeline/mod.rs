@@ -15,12 +15,11 @@ mod stages;
 mod steps;
 
 pub use builder::PipelineBuilder;
-pub use error::{PipelineError, UnusableFrame};
+pub use error::{NameObjectsError, PipelineError, UnusableFrame};
 pub use frame_result::FrameResult;
 pub use frames::{Frames, Processed};
 pub use named_map::NamedMap;
-pub use naming::{NameObjectsError, ObjectToName};
 pub use stage_times::StageTimes;
 pub use steps::Pipeline;
 
-pub use crate::parts::LoadedNetworks;
+pub use crate::parts::{LoadedNetworks, ObjectToName};

@@ -1,47 +1,13 @@
 //! Names of objects, from your own function: see `docs/OBJECTS.md`.
 
-use super::Pipeline;
 use super::kept_names::KeptNames;
+use super::{NameObjectsError, Pipeline};
+use crate::parts::ObjectToName;
 use splatseg_geometry::SegmentId;
 use splatseg_memory::SplatMemory;
-use splatseg_objects::{NameError, Object, ObjectList, ObjectName, ObjectNames, ObjectState, ObjectView};
+use splatseg_objects::{NameError, ObjectList, ObjectName, ObjectNames, ObjectState};
 use std::collections::BTreeSet;
 use std::error::Error;
-use thiserror::Error;
-
-/// An object to be named.
-#[derive(Clone, Copy, Debug)]
-pub struct ObjectToName<'a> {
-    /// Its id, its present label, and its shape if it is known; without best view and confidence.
-    pub object: &'a Object,
-    /// Its best view, with sides of at most [`KeptViews::MAX_SIDE`](splatseg_objects::KeptViews::MAX_SIDE) pixels.
-    pub view: &'a ObjectView,
-}
-
-/// An error naming objects. Names given before it stay.
-#[derive(Debug, Error)]
-#[non_exhaustive]
-pub enum NameObjectsError {
-    /// The pipeline keeps no views.
-    #[error("the pipeline keeps no views of objects: build it with keep_views")]
-    NoViews,
-    /// The function failed.
-    #[error("naming object {id}: {source}")]
-    Namer {
-        /// The object.
-        id: SegmentId,
-        /// The function's error.
-        source: Box<dyn Error + Send + Sync>,
-    },
-    /// The function has returned a name that cannot be used.
-    #[error("the name of object {id}: {source}")]
-    Name {
-        /// The object.
-        id: SegmentId,
-        /// The error.
-        source: NameError,
-    },
-}
 
 impl Pipeline {
     /// Names objects with your own function, e.g. a CLIP network: it gets the best view of an object so far and returns its
@@ -97,7 +63,7 @@ impl Pipeline {
         }
         let objects = self.object_list().objects;
         let present = self.present();
-        let KeptNames { names, views } = &mut self.names;
+        let KeptNames { names, views, .. } = &mut self.names;
         // Bounds the names of an endless stream: the log forgets objects too.
         names.keep_only(&objects.iter().map(|object| object.id).collect());
         if let Some(present) = present {
@@ -115,7 +81,15 @@ impl Pipeline {
         Ok(calls)
     }
 
-    /// The names of objects, given by [`Self::name_objects`] or loaded with the memory.
+    /// Names objects with the namer that the settings chose, if there is one.
+    pub(super) fn name_by_settings(&mut self) -> Result<(), NameObjectsError> {
+        let Some(mut namer) = self.names.namer.take() else { return Ok(()) };
+        let named = self.name_objects(|object| namer.name_object(object));
+        self.names.namer = Some(namer);
+        named.map(|_| ())
+    }
+
+    /// The names of objects, given by a namer or by [`Self::name_objects`], or loaded with the memory.
     pub const fn names(&self) -> &ObjectNames {
         &self.names.names
     }

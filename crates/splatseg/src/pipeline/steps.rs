@@ -60,7 +60,7 @@ impl Pipeline {
     /// # Errors
     /// [`PipelineError::Segmenter`] or [`PipelineError::Pose`] if the segmenter or the pose source failed: later frames
     /// can still be processed. [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device
-    /// failed: no later frame can be processed.
+    /// failed: no later frame can be processed. [`PipelineError::Namer`] if the namer of the settings failed.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
         let placed = self.place(frame, self.objects.frames(), Some(frame.world_from_camera()))?;
         let world_from_camera = placed.pose.world_from_camera;
@@ -91,7 +91,7 @@ impl Pipeline {
             let segmented = segment(segmenter.as_mut(), frame);
             process(method.as_mut(), clock, objects, frame, placed, segmented)
         });
-        Ok(self.completed(frame, result?))
+        self.completed(frame, result?)
     }
 
     /// Determines the pose of a frame, and passes what has become known with it to the method.
@@ -118,19 +118,28 @@ impl Pipeline {
         Ok(Placed { pose, anchor, time })
     }
 
-    /// Passes what the method has found to the source of poses, keeps views of the objects, and adds what has become known
-    /// since the previous result.
-    pub(super) fn completed(&mut self, frame: &RgbdFrame, mut result: FrameResult) -> FrameResult {
+    /// Passes what the method has found to the source of poses, keeps views of the objects and names them, and adds what
+    /// has become known since the previous result.
+    pub(super) fn completed(
+        &mut self,
+        frame: &RgbdFrame,
+        mut result: FrameResult,
+    ) -> Result<FrameResult, PipelineError> {
         let recognised = &result.output.update.remapped;
         self.poses.receive(MethodFindings { remapped: recognised, segments: Some(&result.output.segments) });
         if !recognised.is_empty() {
             self.names.remap(recognised);
         }
         self.names.record(frame, &result.output, &result.objects);
+        if self.names.namer.is_some() {
+            let (named, time) = timed(|| self.name_by_settings());
+            named.map_err(|source| PipelineError::Namer { frame: frame.name().to_owned(), source })?;
+            result.times.add("name", time);
+        }
         self.unreported.remapped.extend(recognised);
         let Unreported { remapped, events, doubts } = std::mem::take(&mut self.unreported);
         (result.remapped, result.events, result.doubts) = (remapped, events, doubts);
-        result
+        Ok(result)
     }
 
     /// Returns, after the last frame, the doubts about the input that no result has told: those of frames without a

@@ -7,6 +7,7 @@ impl Settings {
     /// uses this list.
     pub fn input_files(&self) -> Vec<SettingsInput<'_>> {
         let tracker = self.method.tracker().into_iter().flat_map(|tracker| tracker.inputs(false));
-        self.segmenter.inputs(true).chain(tracker).collect()
+        let namer = self.namer.iter().flat_map(|namer| namer.inputs(false));
+        self.segmenter.inputs(true).chain(tracker).chain(namer).collect()
     }
 }

@@ -13,14 +13,14 @@ mod toml_table;
 mod usage;
 
 pub use crate::parts::{
-    ChosenValues, Entry, MaskFolderSettings, MethodName, MethodSettings, MissingFile, RegisterError, Requirement,
-    SegmenterSettings, SettingsInput, TrackerSettings,
+    ChosenValues, Entry, MaskFolderSettings, MethodName, MethodSettings, MissingFile, NamerSettings, RegisterError,
+    Requirement, SegmenterSettings, SettingsInput, TrackerSettings,
 };
 pub use document::{describe_settings, markdown};
 pub use error::SettingsError;
 pub use layers::SettingsLayers;
 pub use preset::MethodPreset;
-pub use registration::{register_segmenter, register_tracker};
+pub use registration::{register_namer, register_segmenter, register_tracker};
 pub use registry::{describe, entries};
 
 use splatseg_dataset::DatasetSettings;
@@ -40,6 +40,8 @@ pub struct Settings {
     pub method: MethodSettings,
     /// The segmenter whose masks the method uses, with its settings.
     pub segmenter: SegmenterSettings,
+    /// The namer, if objects are to be named.
+    pub namer: Option<NamerSettings>,
     /// Settings for reading the scene.
     pub dataset: DatasetSettings,
     /// Settings of every run.
@@ -90,17 +92,20 @@ impl Settings {
     pub fn validate(&self) -> Result<(), SettingsError> {
         self.method.validate()?;
         self.segmenter.validate()?;
+        self.namer.as_ref().map_or(Ok(()), NamerSettings::validate)?;
         self.dataset.validate()?;
         self.run.validate()?;
         let segmenter = self.method.uses_segmenter().then_some(&self.segmenter);
         let tracker = self.method.tracker();
         let needs_networks = segmenter.is_some_and(SegmenterSettings::needs_networks)
-            || tracker.is_some_and(TrackerSettings::needs_networks);
+            || tracker.is_some_and(TrackerSettings::needs_networks)
+            || self.namer.as_ref().is_some_and(NamerSettings::needs_networks);
         if needs_networks && !HAS_NETWORKS {
             return Err(DeviceError::NoNetworks.into());
         }
         let missing = segmenter.and_then(SegmenterSettings::missing_input);
-        if let Some(missing) = missing.or_else(|| tracker?.missing_input()) {
+        let missing = missing.or_else(|| tracker?.missing_input()).or_else(|| self.namer.as_ref()?.missing_input());
+        if let Some(missing) = missing {
             return Err(SettingsError::Missing(missing));
         }
         match self.device().filter(|device| !device.is_built()) {
@@ -113,6 +118,7 @@ impl Settings {
     pub fn device(&self) -> Option<DeviceName> {
         let segments = self.method.uses_segmenter() && self.segmenter.is_network();
         let tracks = self.method.tracker().is_some_and(TrackerSettings::is_network);
-        (segments || tracks).then_some(self.run.device)
+        let names = self.namer.as_ref().is_some_and(NamerSettings::is_network);
+        (segments || tracks || names).then_some(self.run.device)
     }
 }

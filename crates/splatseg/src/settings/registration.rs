@@ -1,7 +1,7 @@
-//! Segmenters and trackers of other crates, chosen by their names like the built-in ones.
+//! Segmenters, trackers and namers of other crates, chosen by their names like the built-in ones.
 
 use super::entries;
-use crate::parts::{PartKind, PartSection, RegisterError};
+use crate::parts::{Namer, PartKind, PartSection, RegisterError};
 use splatseg_segmenter::Segmenter;
 use splatseg_tracking::Tracker;
 use std::sync::{Mutex, PoisonError};
@@ -21,6 +21,15 @@ pub fn register_segmenter<S: PartSection<dyn Segmenter>>() -> Result<(), Registe
 /// As [`register_segmenter`].
 pub fn register_tracker<S: PartSection<dyn Tracker>>() -> Result<(), RegisterError> {
     register::<dyn Tracker, S>()
+}
+
+/// Adds a namer to those that the setting `namer` chooses from, as [`register_segmenter`] does. Without a namer there is no
+/// such setting.
+///
+/// # Errors
+/// As [`register_segmenter`].
+pub fn register_namer<S: PartSection<dyn Namer>>() -> Result<(), RegisterError> {
+    register::<dyn Namer, S>()
 }
 
 fn register<T: PartKind + ?Sized, S: PartSection<T>>() -> Result<(), RegisterError> {

@@ -1,7 +1,8 @@
 //! All settings and the choices that they need.
 
 use super::RunSettings;
-use crate::parts::{ChosenValues, Entry, Part, PartKind, Registry, Requirement, methods, segmenters, trackers};
+use crate::parts::{ChosenValues, Entry, Namer, Part, PartKind, Registry, Requirement};
+use crate::parts::{methods, namers, segmenters, trackers};
 use splatseg_dataset::DatasetSettings;
 use splatseg_segmenter::Segmenter;
 use splatseg_settings::Section;
@@ -13,11 +14,14 @@ pub fn entries() -> Vec<Entry> {
     methods::add_choice(&mut registry);
     segmenters::add_choice(&mut registry);
     registry.add(RunSettings::fields(), &[]);
-    registry.require("device", Requirement::OneOf(vec![networks_of::<dyn Segmenter>(), networks_of::<dyn Tracker>()]));
+    let mut networks = vec![networks_of::<dyn Segmenter>(), networks_of::<dyn Tracker>(), networks_of::<dyn Namer>()];
+    networks.retain(|choice| !choice.values.is_empty());
+    registry.require("device", Requirement::OneOf(networks));
     registry.add(DatasetSettings::fields(), &[]);
     methods::add_settings(&mut registry);
     trackers::add_settings(&mut registry);
     segmenters::add_settings(&mut registry);
+    namers::add_settings(&mut registry);
     let mut entries = registry.entries;
     // A stable sort: the top level first, then each section in one piece.
     let order: Vec<&str> = entries.iter().map(|entry| entry.field.section).collect();

@@ -1,7 +1,7 @@
 //! Converts tables of values to settings and back.
 
 use super::usage::{Usage, only_used, with_preset};
-use super::{Entry, MethodSettings, RunSettings, SegmenterSettings, Settings, SettingsError, entries};
+use super::{Entry, MethodSettings, NamerSettings, RunSettings, SegmenterSettings, Settings, SettingsError, entries};
 use crate::parts::section;
 use serde::de::Error as _;
 use serde::ser::Error as _;
@@ -32,6 +32,7 @@ impl Settings {
         Ok(Self {
             method: MethodSettings::from_table(table)?,
             segmenter: SegmenterSettings::from_table(table)?,
+            namer: NamerSettings::from_table(table)?,
             dataset: section(table)?,
             run: section(table)?,
         })
@@ -53,13 +54,16 @@ impl Serialize for Settings {
             method: &'a MethodSettings,
             #[serde(flatten)]
             segmenter: &'a SegmenterSettings,
+            #[serde(flatten)]
+            namer: &'a Option<NamerSettings>,
             dataset: &'a DatasetSettings,
             #[serde(flatten)]
             run: &'a RunSettings,
         }
-        let Self { method, segmenter, dataset, run } = self;
+        let Self { method, segmenter, namer, dataset, run } = self;
         // Converted through text, in which the `f32` 0.3 stays 0.3.
-        let text = toml::to_string(&AllSettings { method, segmenter, dataset, run }).map_err(S::Error::custom)?;
+        let text =
+            toml::to_string(&AllSettings { method, segmenter, namer, dataset, run }).map_err(S::Error::custom)?;
         let table: Table = text.parse().map_err(S::Error::custom)?;
         only_used(&table, &entries()).serialize(serializer)
     }

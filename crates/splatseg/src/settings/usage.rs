@@ -80,7 +80,10 @@ impl<'a> Usage<'a> {
         for choice in need.choices() {
             let reason = match (self.chosen(choice.key), self.entry(choice.key)) {
                 (None, Some(chooser)) => self.unmet_requirement(chooser).map(|need| self.why(need)).unwrap_or_default(),
-                (value, _) => format!("{} is {}", choice.key, value.unwrap_or_default()),
+                (value, _) => {
+                    let value = value.filter(|value| !value.is_empty());
+                    format!("{} is {}", choice.key, value.as_deref().unwrap_or("not given"))
+                }
             };
             if !reasons.contains(&reason) {
                 reasons.push(reason);

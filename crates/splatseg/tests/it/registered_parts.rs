@@ -1,20 +1,23 @@
-//! A segmenter and a kind of memory of another crate are chosen by their names, as the built-in ones are.
+//! A segmenter, a namer and a kind of memory of another crate are chosen by their names, as the built-in ones are.
 
 use splatseg::dataset::{FrameStream, GroundTruth, open_scene};
 use splatseg::memory::{
     LearningExtent, MemoryError, MemoryKindDefinition, MemoryRules, NewGaussian, Recall, SegmentStore, StoreTile,
     TileSurface, register_memory_kind,
 };
-use splatseg::parts::{PartContext, PartError, PartFile, PartFiles, PartSection, RegisterError};
+use splatseg::objects::ObjectName;
+use splatseg::parts::{Namer, ObjectToName, PartContext, PartError, PartFile, PartFiles, PartSection, RegisterError};
+use splatseg::pipeline::PipelineError;
 use splatseg::render::{Splats, TileWeights};
 use splatseg::segmenter::{GraphSettings, SegmenterError};
 use splatseg::settings::{
-    SegmenterSettings, SettingsError, SettingsLayers, TrackerSettings, describe_settings, entries, register_segmenter,
-    register_tracker,
+    SegmenterSettings, SettingsError, SettingsLayers, TrackerSettings, describe_settings, entries, register_namer,
+    register_segmenter, register_tracker,
 };
 use splatseg::{CameraFrame, Mask, Pipeline, ScoredMask, SegmentId, SegmentMap, Segmenter, Settings, Tracker};
 use splatseg_settings::{Allowed, settings};
 use std::collections::BTreeSet;
+use std::error::Error;
 use std::sync::Once;
 
 settings! {
@@ -63,6 +66,38 @@ impl Segmenter for Near {
         let halves = [0..middle, middle..width]
             .map(|half| Mask::from_fn(width, height, |column, row| half.contains(&column) && is_near(column, row)));
         Ok(halves.into_iter().filter(|mask| !mask.is_empty()).map(|mask| ScoredMask { mask, score: 1.0 }).collect())
+    }
+}
+
+settings! {
+    /// Settings of a namer that calls every object the same.
+    pub struct SameNameSettings in "same_name" {
+        /// The label.
+        label: String = "thing".to_owned(), Allowed::Text("a word");
+    }
+}
+
+impl PartSection<dyn Namer> for SameNameSettings {
+    const NAME: &'static str = "same-name";
+    const HELP: &'static str = "Calls every object the same";
+
+    fn build(&self, _: &PartFiles, _: &PartContext<'_>) -> Result<Box<dyn Namer>, PartError> {
+        Ok(Box::new(SameName(self.label.clone())))
+    }
+}
+
+struct SameName(String);
+
+impl Namer for SameName {
+    fn name(&self) -> &str {
+        "same-name"
+    }
+
+    fn name_object(&mut self, _: ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>> {
+        match self.0.as_str() {
+            "nothing" => Err("no words".into()),
+            label => Ok(ObjectName { label: Some(label.to_owned()), embedding: Vec::new() }),
+        }
     }
 }
 
@@ -118,6 +153,7 @@ fn registered() {
     ONCE.call_once(|| {
         register_segmenter::<NearSettings>().unwrap();
         register_memory_kind(&FORGETFUL).unwrap();
+        register_namer::<SameNameSettings>().unwrap();
     });
 }
 
@@ -138,6 +174,33 @@ fn they_segment_and_remember() {
         assert!(!result.output.segments.areas().is_empty());
     }
     assert!(pipeline.memory().unwrap().gaussian_count() > 0);
+}
+
+#[test]
+fn a_registered_namer_names_objects_after_every_frame() {
+    let run = |label: &str| {
+        let label = format!("same_name.label={label}");
+        let settings = resolve(&["namer=same-name", &label]).unwrap();
+        let json = serde_json::to_string(&settings).unwrap();
+        assert_eq!(serde_json::from_str::<Settings>(&json).unwrap(), settings);
+        let scene = open_scene("synthetic:frames=3,width=96,height=72", &settings.dataset).unwrap();
+        let mut pipeline = Pipeline::builder(&settings).build().unwrap();
+        for processed in pipeline.run(FrameStream::open(scene, &settings.dataset, GroundTruth::Skip).unwrap()) {
+            processed.unwrap().result?;
+        }
+        Ok::<_, PipelineError>(pipeline)
+    };
+    let pipeline = run("cup").unwrap();
+    assert!(!pipeline.find_label("cup").is_empty());
+    assert!(pipeline.object_list().objects.iter().any(|object| object.label.as_deref() == Some("cup")));
+    let error = run("nothing").err().unwrap();
+    assert!(matches!(error, PipelineError::Namer { .. }) && error.to_string().ends_with("no words"), "{error}");
+
+    assert!(resolve(&[]).unwrap().namer.is_none());
+    let error = resolve(&["same_name.label=cup"]).unwrap_err().to_string();
+    assert_eq!(error, "same_name.label is not used here: it needs namer = same-name, but namer is not given");
+    let error = resolve(&["namer=other"]).unwrap_err().to_string();
+    assert_eq!(error, "namer is \"other\", expected same-name");
 }
 
 #[test]
