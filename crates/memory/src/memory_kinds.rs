@@ -34,7 +34,8 @@ pub struct MemoryKindDefinition {
     pub rules: fn(&MemorySettings) -> MemoryRules,
     /// Creates the store of a map without Gaussians.
     pub create: fn(&MemorySettings, NewStore<'_>) -> Result<Box<dyn SegmentStore>, MemoryError>,
-    /// Creates the store of a saved map from its content, which is [`SegmentStore::content`] of the store that was saved.
+    /// Creates the store of a saved map from its content, which is [`SegmentStore::content`] of the store that was
+    /// saved.
     pub restore: fn(&MemorySettings, SavedStore<'_>) -> Result<Box<dyn SegmentStore>, LoadMemoryError>,
 }
 
@@ -116,8 +117,8 @@ static REGISTERED: Mutex<Registered> =
 /// Adds a kind of memory to those that `memory.kind` chooses from, for the whole program. Call it before settings are
 /// read.
 ///
-/// It is saved if its stores have a [`SegmentStore::content`]. The file then has the votes or features of a built-in kind,
-/// not the name of this one, so `memory.kind` must be given again to load it as this kind.
+/// It is saved if its stores have a [`SegmentStore::content`]. The file then has the votes or features of a built-in
+/// kind, not the name of this one, so `memory.kind` must be given again to load it as this kind.
 ///
 /// # Errors
 /// If the name is taken or cannot be written.

@@ -20,8 +20,8 @@ const FRAMES_PER_CENSUS: u32 = 16;
 /// An online 3D Gaussian splat whose Gaussians remember segments.
 ///
 /// For every frame: [`SplatMemory::recall`] renders the segments that the memory expects, [`SplatMemory::fuse`]
-/// combines them with the frame's predictions, and [`SplatMemory::update`] learns from the predictions. [`MemoryKind`](crate::MemoryKind)
-/// selects how Gaussians remember segments; the map is the same for both kinds.
+/// combines them with the frame's predictions, and [`SplatMemory::update`] learns from the predictions.
+/// [`MemoryKind`](crate::MemoryKind) selects how Gaussians remember segments; the map is the same for both kinds.
 #[derive(Debug)]
 pub struct SplatMemory {
     pub(crate) settings: MemorySettings,
@@ -70,8 +70,8 @@ pub struct FrameUpdate {
 }
 
 impl SplatMemory {
-    /// Creates an empty memory. Generating the codebook that [`MemoryKind::Features`](crate::MemoryKind::Features) needs takes up to a few seconds;
-    /// `progress` receives the fraction done.
+    /// Creates an empty memory. Generating the codebook of [`MemoryKind::Features`](crate::MemoryKind::Features) takes
+    /// up to a few seconds; `progress` receives the fraction done.
     ///
     /// # Errors
     /// If a setting is out of range.

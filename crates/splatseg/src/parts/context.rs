@@ -23,7 +23,8 @@ pub struct PartContext<'a> {
 }
 
 impl PartContext<'_> {
-    /// The ground truth of the scene, for simulators. `needed_by` is the choice that needs it, e.g. `segmenter = oracle`.
+    /// The ground truth of the scene, for simulators. `needed_by` is the choice that needs it, e.g.
+    /// `segmenter = oracle`.
     ///
     /// # Errors
     /// [`PartError::NoScene`] without a scene; [`PartError::Simulator`] if the scene is not labelled.

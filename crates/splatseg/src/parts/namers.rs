@@ -24,8 +24,8 @@ pub trait Namer: Send {
     /// A short name for messages, e.g. `clip`.
     fn name(&self) -> &str;
 
-    /// Returns an object's label, its embedding, both or neither. It is asked about each object without a name, and again
-    /// once the object's best view has become clearly better.
+    /// Returns an object's label, its embedding, both or neither. It is asked about each object without a name, and
+    /// again once the object's best view has become clearly better.
     ///
     /// # Errors
     /// Ends the run. Return a name without label and embedding for an object that is not recognised.

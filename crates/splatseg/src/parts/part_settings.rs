@@ -71,13 +71,14 @@ pub struct PartSettings<T: ?Sized> {
 }
 
 impl<T: PartKind + ?Sized> PartSettings<T> {
-    /// Chooses the part that these settings belong to. It need not be registered, unless settings are also read from files.
+    /// Chooses the part that these settings belong to. It need not be registered, unless settings are also read from
+    /// files.
     pub fn of<S: PartSection<T>>(section: S) -> Self {
         Self { part: Part::of::<S>(), files: PartFiles::default(), section: Box::new(section) }
     }
 
-    /// Names a file or folder for the part by the key of its setting, e.g. `weights`. A key that the part does not have is
-    /// an error of [`Settings::validate`](crate::Settings::validate).
+    /// Names a file or folder for the part by the key of its setting, e.g. `weights`. A key that the part does not have
+    /// is an error of [`Settings::validate`](crate::Settings::validate).
     #[must_use]
     pub fn with_file(mut self, key: &'static str, path: impl Into<PathBuf>) -> Self {
         self.files.0.insert(key, path.into());
@@ -141,7 +142,8 @@ impl<T: PartKind + ?Sized> PartSettings<T> {
         })
     }
 
-    /// Reads the part and its settings from a table of checked values; `None` if none is chosen and there is no default.
+    /// Reads the part and its settings from a table of checked values; `None` if none is chosen and there is no
+    /// default.
     pub(super) fn chosen_in(table: &Table) -> Result<Option<Self>, SettingError> {
         let name = table.get(T::KEY).and_then(Value::as_str);
         let named = Part::<T>::all().into_iter().find(|part| Some(part.name) == name);

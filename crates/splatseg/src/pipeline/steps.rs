@@ -118,8 +118,8 @@ impl Pipeline {
         Ok(Placed { pose, anchor, time })
     }
 
-    /// Passes what the method has found to the source of poses, keeps views of the objects and names them, and adds what
-    /// has become known since the previous result.
+    /// Passes what the method has found to the source of poses, keeps views of the objects and names them, and adds
+    /// what has become known since the previous result.
     pub(super) fn completed(
         &mut self,
         frame: &RgbdFrame,

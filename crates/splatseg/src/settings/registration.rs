@@ -6,8 +6,8 @@ use splatseg_segmenter::Segmenter;
 use splatseg_tracking::Tracker;
 use std::sync::{Mutex, PoisonError};
 
-/// Adds a segmenter to those that the setting `segmenter` chooses from, for the whole program. Its settings and files are
-/// then read, checked, listed and written like those of a built-in one. Call it before settings are read.
+/// Adds a segmenter to those that the setting `segmenter` chooses from, for the whole program. Its settings and files
+/// are then read, checked, listed and written like those of a built-in one. Call it before settings are read.
 ///
 /// # Errors
 /// If its name is taken or cannot be written, or one of its settings has the key or the section of another setting.
@@ -23,8 +23,8 @@ pub fn register_tracker<S: PartSection<dyn Tracker>>() -> Result<(), RegisterErr
     register::<dyn Tracker, S>()
 }
 
-/// Adds a namer to those that the setting `namer` chooses from, as [`register_segmenter`] does. Without a namer there is no
-/// such setting.
+/// Adds a namer to those that the setting `namer` chooses from, as [`register_segmenter`] does. Without a namer there is
+/// no such setting.
 ///
 /// # Errors
 /// As [`register_segmenter`].
