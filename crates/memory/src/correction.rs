@@ -95,7 +95,7 @@ impl SplatMemory {
 
     /// The ids of a doubled surface that are the same object.
     fn same_objects(&self, doubles: &[Double]) -> Vec<RemappedId> {
-        let ids = self.segment_ids();
+        let ids = self.store.segment_ids();
         let area = |index: usize| self.map.balls.radii[index] * self.map.balls.radii[index];
         let mut totals: BTreeMap<SegmentId, f32> = BTreeMap::new();
         for (index, id) in ids.iter().enumerate() {
@@ -143,7 +143,7 @@ impl SplatMemory {
             *overlaps.entry((*from, *into)).or_default() += 1;
         }
         let (of_lost, of_shown) = (without_pose.areas(), segments.areas());
-        let mapped: BTreeSet<SegmentId> = self.segment_ids().into_iter().collect();
+        let mapped: BTreeSet<SegmentId> = self.store.segment_ids().into_iter().collect();
         let iou = |&((from, into), area): &((SegmentId, SegmentId), usize)| {
             area as f32 / (of_lost[&from] + of_shown[&into] - area) as f32
         };

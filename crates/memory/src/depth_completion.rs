@@ -8,12 +8,11 @@
 //! fitted to, left and right or above and below, also in depth, and at least half of all these were measured. Otherwise
 //! its depth is a guess, or continues one.
 
-use crate::COVERED;
-use crate::map::SurfaceKind;
 use crate::recall::Recall;
+use crate::settings::COVERED;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
-use splatseg_geometry::{Image, SegmentId, SegmentMap, distance_transform};
+use splatseg_geometry::{Image, SegmentId, SegmentMap, SurfaceKind, distance_transform};
 use splatseg_render::TileWeights;
 use std::collections::BTreeMap;
 

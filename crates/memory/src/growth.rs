@@ -8,13 +8,14 @@
 
 use crate::borders::{Borders, MAX_DISTANCE};
 use crate::depth_completion::{CompletedDepth, completed_depth};
-use crate::map::{NewGaussian, SurfaceKind};
+use crate::map::NewGaussian;
 use crate::recall::Recall;
+use crate::settings::COVERED;
 use crate::settings::RELATIVE_TOLERANCE;
-use crate::{COVERED, MemoryRules, MemorySettings};
+use crate::{MemoryRules, MemorySettings};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use splatseg_geometry::{CowImage, Image, LocalPose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{CowImage, Image, LocalPose, RgbdFrame, SegmentMap, SurfaceKind};
 
 /// Maximum spacing of Gaussians inside a segment, in units of the distance to the nearest border.
 const SPACING_PER_DISTANCE: f32 = 2.0;

@@ -1,7 +1,9 @@
 //! What a kind of memory asks of the map and of the methods.
 
-use crate::{GrowthRule, MAX_SEGMENT_ID, MemorySettings};
-use splatseg_geometry::SegmentId;
+use crate::growth::RADIUS_PER_SPACING;
+use crate::settings::COVERED;
+use crate::{GrowthRule, MemorySettings};
+use splatseg_geometry::{MAX_SEGMENT_ID, PatchSize, SegmentId};
 use splatseg_render::RasterLimits;
 
 /// The rules in which kinds of memory differ, apart from how they store segments; see
@@ -50,6 +52,16 @@ impl MemoryRules {
             GrowthRule::Auto => self,
             growth => Self { growth, ..self },
         }
+    }
+
+    /// The surface that a Gaussian stands for under these rules.
+    pub(crate) fn patch_size(&self, settings: &MemorySettings) -> PatchSize {
+        let (side, covering_alpha) = match self.growth {
+            GrowthRule::Paper => (1.0, settings.growth_silhouette),
+            _ => (1.0 / RADIUS_PER_SPACING, COVERED),
+        };
+        // A Gaussian's alpha is exp(-d² / 2r²) at distance d.
+        PatchSize { side, cover: (-2.0 * covering_alpha.clamp(0.1, 0.9).ln()).sqrt() }
     }
 
     /// True if the map follows the paper's rules for growing and removing.

@@ -27,12 +27,6 @@ const MAX_STEP: f64 = 1e4;
 const MIN_FAR_FRAMES: u8 = 3;
 
 impl SplatMemory {
-    /// Origin of the map's coordinates, in world coordinates, metres. It is the world's own origin unless cameras are
-    /// far from that, and may move with every frame.
-    pub fn origin(&self) -> DVec3 {
-        self.origin
-    }
-
     /// True if the pose of a frame is so far off that it must be wrong: following it would round the map.
     pub(crate) fn register_distance(&mut self, recall: &Recall<'_>) -> bool {
         let distance = recall.frame.world_from_camera().translation().distance(self.origin);

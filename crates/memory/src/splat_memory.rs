@@ -4,7 +4,7 @@ use crate::co_visible::CoVisibleIds;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
 use crate::growth::new_gaussians;
-use crate::map::{SplatMap, SurfaceKind};
+use crate::map::SplatMap;
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
 use crate::segment_store::SegmentStore;
@@ -12,8 +12,9 @@ use crate::segments::{LostIds, Segments};
 use crate::{LearningExtent, MemoryError, MemoryKind, MemoryRules, MemorySettings, Recall};
 use glam::DVec3;
 use rayon::prelude::*;
-use splatseg_geometry::{FrameAnchor, KeyframeId, RemappedId, STAGE_TARGET, SegmentId, SegmentMap};
-use splatseg_render::Balls;
+use splatseg_geometry::{
+    FrameAnchor, KeyframeId, MapSegments, MapView, RemappedId, STAGE_TARGET, SegmentId, SegmentMap,
+};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Frames between two counts of the ids that Gaussians show, where they are not counted after every frame.
@@ -59,7 +60,7 @@ pub struct FrameUpdate {
     pub grown: usize,
     /// Gaussians removed.
     pub removed: usize,
-    /// Ids that are not carried any more; see [`SplatMemory::carried_ids`].
+    /// Ids that are not carried any more; see [`MapView::carried_ids`].
     pub forgotten: Vec<SegmentId>,
     /// Ids predicted for the first time. An id that belonged to another object before stands for the new object from
     /// this frame on.
@@ -290,7 +291,7 @@ impl SplatMemory {
             return LostIds::default();
         }
         if holds.is_none() {
-            self.segments.set_shown(&distinct(&self.segment_ids()));
+            self.segments.set_shown(&distinct(&self.store.segment_ids()));
         }
         self.segments.set_held(self.recent.held_ids());
         let lost_ids = self.segments.release_ids();
@@ -340,61 +341,56 @@ impl SplatMemory {
         self.segments.highest() as usize
     }
 
-    /// True if an id is tentative: predicted in one frame at most. From the second frame on it is permanent.
-    pub fn is_tentative(&self, id: SegmentId) -> bool {
+    /// The map: its Gaussians, and the segments that they show.
+    pub fn map(&self) -> MapView<'_> {
+        MapView {
+            origin: self.origin,
+            means: &self.map.balls.means,
+            radii: &self.map.balls.radii,
+            colors: &self.map.colors,
+            surfaces: &self.map.surfaces,
+            patch: self.rules.patch_size(&self.settings),
+            segments: self,
+        }
+    }
+}
+
+impl MapSegments for SplatMemory {
+    fn segment_ids(&self) -> Vec<SegmentId> {
+        self.store.segment_ids()
+    }
+
+    fn segment_shares(&self) -> Option<Vec<f32>> {
+        self.store.segment_shares()
+    }
+
+    fn segment_votes(&self) -> Option<Vec<f32>> {
+        self.store.segment_votes()
+    }
+
+    fn segment_confidences(&self) -> Option<Vec<f32>> {
+        let content = self.store.content()?;
+        let ids = self.store.segment_ids().into_iter().enumerate();
+        Some(ids.map(|(index, id)| content.confidence(index, id)).collect())
+    }
+
+    fn is_tentative(&self, id: SegmentId) -> bool {
         self.segments.is_tentative(id)
     }
 
-    /// True if an id was carried after the last frame; see [`Self::carried_ids`].
-    pub fn is_carried(&self, id: SegmentId) -> bool {
+    fn is_carried(&self, id: SegmentId) -> bool {
         self.segments.is_carried(id)
     }
 
-    /// Returns the ids that a Gaussian shows, or that the previous frame holds for the next one. All other ids that
-    /// were given out are forgotten.
-    pub fn carried_ids(&self) -> BTreeSet<SegmentId> {
-        let mut carried = distinct(&self.segment_ids());
+    fn carried_ids(&self) -> BTreeSet<SegmentId> {
+        let mut carried = distinct(&self.store.segment_ids());
         carried.extend(self.recent.held_ids());
         carried
     }
 
-    /// Number of parameters of all Gaussians. Each has 3 for position, 1 for radius, 3 for colour, and 8 (votes) or D
-    /// (features) for segments.
-    pub fn parameter_count(&self) -> usize {
-        self.gaussian_count() * (SplatMap::NUMBERS + self.store.numbers_per_gaussian())
-    }
-
-    /// Centres and radii of the Gaussians, metres, relative to [`Self::origin`].
-    pub fn balls(&self) -> &Balls {
-        &self.map.balls
-    }
-
-    /// Colours of the Gaussians, sRGB.
-    pub fn colors(&self) -> &[[u8; 3]] {
-        &self.map.colors
-    }
-
-    /// What is known about the place of each Gaussian. Those without a place ([`SurfaceKind::has_place`]) belong to no
-    /// shape and no point cloud.
-    pub fn surfaces(&self) -> &[SurfaceKind] {
-        &self.map.surfaces
-    }
-
-    /// Returns the segment that each Gaussian shows by itself, 0 for none.
-    pub fn segment_ids(&self) -> Vec<SegmentId> {
-        self.store.segment_ids()
-    }
-
-    /// Returns the share, 0 to 1, of each Gaussian's votes that are for its segment in
-    /// [`segment_ids`](Self::segment_ids); 1 in a memory without a second opinion.
-    pub fn segment_shares(&self) -> Vec<f32> {
-        self.store.segment_shares().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
-    }
-
-    /// Returns how often each Gaussian was seen as its segment in [`segment_ids`](Self::segment_ids), in frames, up to a
-    /// maximum; 1 in a memory that does not count.
-    pub fn segment_votes(&self) -> Vec<f32> {
-        self.store.segment_votes().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
+    /// Each Gaussian has 3 for position, 1 for radius, 3 for colour, and 8 (votes) or D (features) for segments.
+    fn parameter_count(&self) -> usize {
+        self.map.len() * (SplatMap::NUMBERS + self.store.numbers_per_gaussian())
     }
 }
 

@@ -111,7 +111,7 @@ mod tests {
     /// Counts from scratch how the map holds ids.
     fn counted(memory: &SplatMemory) -> BTreeMap<SegmentId, SegmentHold> {
         let Some(crate::SplatContentView::Evidence { votes }) = memory.store.content() else { panic!("no votes") };
-        let mut store = EvidenceStore::restored(memory.settings().clone(), votes.to_vec());
+        let mut store = EvidenceStore::restored(memory.settings.clone(), votes.to_vec());
         store.changed_holds().unwrap().into_iter().collect()
     }
 
@@ -140,7 +140,7 @@ mod tests {
                 let recall = memory.recall(&frame);
                 let update = memory.update(recall, &predicted, &BTreeSet::from([base])).unwrap();
                 if growth != GrowthRule::Paper || update.removed > 0 {
-                    let now = memory.carried_ids();
+                    let now = memory.map().carried_ids();
                     let forgotten: Vec<SegmentId> = carried.difference(&now).copied().collect();
                     prop_assert_eq!(&update.forgotten, &forgotten);
                     carried = now;

@@ -15,9 +15,10 @@ mod sketch;
 
 pub(crate) use saved::SavedRecentFrames;
 
+use crate::MemorySettings;
 use crate::recall::Recall;
 use crate::removal::{CONTRADICTION, FrameTrust};
-use crate::{COVERED, MemorySettings};
+use crate::settings::COVERED;
 use glam::{DVec3, Quat};
 use sketch::Sketch;
 use splatseg_geometry::{LocalPose, Pose, RgbdFrame, SegmentId, SegmentMap};

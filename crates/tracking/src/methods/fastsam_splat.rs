@@ -202,7 +202,7 @@ impl Method for FastSamSplat {
         self.memory.record_shown(&segments);
         if !self.settings.show_tentative {
             let ids = segments.areas().into_keys();
-            let tentative: BTreeSet<SegmentId> = ids.filter(|id| self.memory.is_tentative(*id)).collect();
+            let tentative: BTreeSet<SegmentId> = ids.filter(|id| self.memory.map().is_tentative(*id)).collect();
             segments = segments.map(|id| if tentative.contains(id) { 0 } else { *id });
         }
         Ok(FrameOutput {

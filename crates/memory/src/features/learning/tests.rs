@@ -65,7 +65,7 @@ fn descent(back: f32, rate: f32) -> (Vec<f64>, f32) {
     memory.update(memory.recall(&first), &halves(1, 2, 32), &BTreeSet::new()).unwrap();
     let codebook =
         Codebook::generate(&CodebookSettings { num_codes: 16, feature_dim: 14, seed: 0 }, &mut |_| {}).unwrap();
-    let labels = memory.segment_ids();
+    let labels = memory.map().segment_ids();
     let start: Vec<f32> = labels.iter().flat_map(|id| codebook.vector(*id as usize - 1).iter().copied()).collect();
     let frame = wall(back);
     let recall = memory.recall(&frame);

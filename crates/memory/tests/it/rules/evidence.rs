@@ -253,7 +253,7 @@ fn shares_are_of_the_segment_with_the_most_votes() {
     for id in [1, 1, 2] {
         run.show_as(&shot, &shot.truth.map(|_| id));
     }
-    let shares = run.memory.segment_shares();
+    let shares = run.memory.map().segment_shares();
     assert_eq!(shares.len(), run.memory.gaussian_count());
     assert!(shares.iter().all(|share| (share - 2.0 / 3.0).abs() < 1e-3), "{shares:?}");
 }
@@ -262,7 +262,7 @@ fn shares_are_of_the_segment_with_the_most_votes() {
 fn a_gaussian_has_seven_numbers_and_eight_for_its_votes() {
     let mut run = Run::new(evidence());
     run.show(&Scene::wall().seen_from_origin());
-    assert_eq!(run.memory.parameter_count(), 15 * run.memory.gaussian_count());
+    assert_eq!(run.memory.map().parameter_count(), 15 * run.memory.gaussian_count());
 }
 
 #[test]
