@@ -4,6 +4,9 @@ use glam::Vec3;
 use splatseg_geometry::{KeyframeId, SurfaceKind};
 use splatseg_render::Balls;
 
+/// Standard deviation of a new Gaussian divided by the spacing between Gaussians. The paper's is 1.
+pub(crate) const RADIUS_PER_SPACING: f32 = 0.6;
+
 /// Attributes of the Gaussians that both kinds of memory need. Every array has one entry per Gaussian.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatMap {

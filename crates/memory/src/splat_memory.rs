@@ -1,20 +1,26 @@
 //! The memory itself: its state, and the steps of each frame.
 
 use crate::co_visible::CoVisibleIds;
+use crate::correction::{merge_doubles, motions, move_anchored, recognised, same_objects};
+use crate::doubles::Corrected;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
 use crate::growth::new_gaussians;
 use crate::map::SplatMap;
+use crate::origin::{MIN_FAR_FRAMES, change_of_origin, is_far, origin_for};
+use crate::recall::{FramePlace, Recall, TileSurface};
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
 use crate::segment_store::SegmentStore;
 use crate::segments::{LostIds, Segments};
-use crate::{LearningExtent, MemoryError, MemoryKind, MemoryRules, MemorySettings, Recall};
+use crate::{LearningExtent, MemoryError, MemoryKind, MemoryRules, MemorySettings};
 use glam::DVec3;
 use rayon::prelude::*;
 use splatseg_geometry::{
-    FrameAnchor, KeyframeId, MapSegments, MapView, RemappedId, STAGE_TARGET, SegmentId, SegmentMap,
+    FrameAnchor, KeyframeId, MapCorrection, MapSegments, MapView, Pose, RemappedId, RgbdFrame, STAGE_TARGET, SegmentId,
+    SegmentMap,
 };
+use splatseg_render::TileWeights;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Frames between two counts of the ids that Gaussians show, where they are not counted after every frame.
@@ -137,6 +143,34 @@ impl SplatMemory {
         Ok(id)
     }
 
+    /// Sets the keyframe to which new Gaussians are attached.
+    pub fn set_anchor(&mut self, anchor: &FrameAnchor) {
+        self.anchor = anchor.clone();
+    }
+
+    /// Renders the segments that the memory expects `frame` to show.
+    pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "decode").entered();
+        let jump = if self.follows_jumps() { self.recent.jump(frame, self.origin, &self.settings) } else { None };
+        let reported = frame.world_from_camera();
+        let before_jump = jump.map_or(*reported, |jump| jump.inverse() * *reported);
+        let place = FramePlace {
+            map_from_camera: reported.relative_to(self.origin),
+            viewed_from: before_jump.relative_to(self.origin),
+            jump,
+        };
+        let trust = self.recent.trust(frame, &place.viewed_from, &self.settings);
+        let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
+        let recall = Recall::new(&self.map.balls, read_tile, frame, &place, trust, (&self.settings, &self.rules));
+        if !self.rules.expects_previous_ids {
+            return recall;
+        }
+        match self.recent.expected_ids(&recall, &self.settings) {
+            Some(ids) => recall.expecting_previous(&ids),
+            None => recall,
+        }
+    }
+
     /// Combines the expected segments with the frame's predictions. `predicted` contains the predicted id visible at
     /// each pixel, 0 for none. Returns the frame's segments, `[height, width]`.
     ///
@@ -206,6 +240,70 @@ impl SplatMemory {
         Ok(FrameUpdate { new_segments, forgotten, ..FrameUpdate::default() })
     }
 
+    /// Records the ids that a frame shows, `[height, width]`, 0 for none. Ids that were shown side by side never become
+    /// one.
+    pub fn record_shown(&mut self, segments: &SegmentMap) {
+        self.co_visible.record(segments);
+    }
+
+    /// Moves the Gaussians with their keyframes, and joins the surfaces and ids that are there twice. Returns the ids that
+    /// turned out to be older ones' objects.
+    pub fn correct(&mut self, correction: &MapCorrection) -> Vec<RemappedId> {
+        let before = self.map.balls.means.clone();
+        let motions = motions(correction, self.origin);
+        move_anchored(&mut self.map, &motions);
+        if let Some(motion) = motions.get(&self.anchor.keyframe) {
+            self.recent.transform(motion);
+        }
+        if correction.joined.is_empty() || !self.store.can_remap() {
+            return Vec::new();
+        }
+        let SplatMap { balls, anchors, .. } = &self.map;
+        let corrected = Corrected { before: &before, means: &balls.means, radii: &balls.radii, anchors };
+        let doubles = corrected.doubles();
+        if doubles.is_empty() {
+            return Vec::new();
+        }
+        let remapped = same_objects(&doubles, &self.store.segment_ids(), &balls.radii, &self.co_visible);
+        self.remap(&remapped);
+        let keep = merge_doubles(&mut self.map, self.store.as_mut(), &doubles);
+        self.retain(&keep);
+        remapped
+    }
+
+    /// Gives the ids of the latest frame, if its pose was unknown, to those that a frame whose pose is known shows
+    /// instead. `segments` contains its id of each pixel, `[height, width]`, 0 for none. Must be called before
+    /// [`Self::update`]. Only ids without Gaussians change: the map knows nothing about them yet. Returns the changed ids.
+    pub fn remap_recognised(&mut self, segments: &SegmentMap) -> Vec<RemappedId> {
+        let Some(without_pose) = self.recent.ids_without_pose().filter(|ids| ids.size() == segments.size()) else {
+            return Vec::new();
+        };
+        let mapped: BTreeSet<SegmentId> = self.store.segment_ids().into_iter().collect();
+        let remapped = recognised(without_pose, segments, &mapped, &self.co_visible);
+        self.remap(&remapped);
+        remapped
+    }
+
+    /// The ids that turned out to be older ones' objects, since the memory was created: the id and the older one.
+    pub fn remapped_ids(&self) -> &BTreeMap<SegmentId, SegmentId> {
+        &self.remapped
+    }
+
+    fn remap(&mut self, remapped: &[RemappedId]) {
+        if remapped.is_empty() {
+            return;
+        }
+        let new_from_old: BTreeMap<SegmentId, SegmentId> = remapped.iter().map(|ids| (ids.from, ids.into)).collect();
+        self.store.remap(&new_from_old);
+        self.recent.remap(&new_from_old);
+        for ids in remapped {
+            self.co_visible.remap(*ids);
+            self.segments.remap(*ids);
+            self.remapped.values_mut().filter(|into| **into == ids.from).for_each(|into| *into = ids.into);
+            self.remapped.insert(ids.from, ids.into);
+        }
+    }
+
     /// The ids of the latest frame, `[height, width]`, 0 for none: its predictions, not what was shown. `None` before the
     /// first frame.
     pub fn latest_ids(&self) -> Option<&SegmentMap> {
@@ -221,6 +319,31 @@ impl SplatMemory {
     /// its pose is unknown, its masks do not get the ids of the latest frame's masks at the same pixels.
     pub fn start_session(&mut self) {
         self.recent.start_session();
+    }
+
+    /// True if the pose of a frame is so far off that it must be wrong. Counts such frames: several in a row are believed.
+    fn register_distance(&mut self, recall: &Recall<'_>) -> bool {
+        let is_far = recall.jump.is_none()
+            && self.map.len() > 0
+            && is_far(recall.frame.world_from_camera().translation(), self.origin);
+        self.recent.count_far_frame(is_far) < MIN_FAR_FRAMES && is_far
+    }
+
+    /// Moves the map's coordinates to an origin near the frame's camera, and moves the map with a jump of the poses.
+    fn follow(&mut self, recall: &mut Recall<'_>) {
+        if recall.jump.is_some() {
+            tracing::warn!("frame {}: the poses have jumped; the map moves with them", recall.frame.name());
+        }
+        let pose = recall.frame.world_from_camera();
+        let origin = origin_for(pose.translation(), self.origin);
+        if recall.jump.is_none() && origin == self.origin {
+            return;
+        }
+        let moved = change_of_origin(&recall.jump.unwrap_or(Pose::IDENTITY), self.origin, origin);
+        recall.moved_to(pose.relative_to(origin));
+        self.map.balls.means.par_iter_mut().for_each(|mean| *mean = moved.to_world(*mean));
+        self.recent.transform(&moved);
+        self.origin = origin;
     }
 
     /// Removes the Gaussians of surfaces that are gone, and the ones unseen for longest if there are too many. Returns
