@@ -74,10 +74,12 @@ impl FittedSurface {
         for (spans, line, place) in [(&mut self.rows, row, column), (&mut self.columns, column, row)] {
             let span = spans.entry(line).or_insert(Span { places: (place, place), inverses: (inverse, inverse) });
             if place < span.places.0 {
-                (span.places.0, span.inverses.0) = (place, inverse);
+                span.places.0 = place;
+                span.inverses.0 = inverse;
             }
             if place > span.places.1 {
-                (span.places.1, span.inverses.1) = (place, inverse);
+                span.places.1 = place;
+                span.inverses.1 = inverse;
             }
         }
     }

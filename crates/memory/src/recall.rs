@@ -142,7 +142,8 @@ impl<'f> Recall<'f> {
     pub(crate) fn moved_to(&mut self, map_from_camera: LocalPose) {
         let limits = self.view.camera().limits;
         self.view.set_camera(Camera { limits, ..Camera::new(*self.frame.intrinsics(), &map_from_camera) });
-        (self.map_from_camera, self.viewed_from) = (map_from_camera, map_from_camera);
+        self.map_from_camera = map_from_camera;
+        self.viewed_from = map_from_camera;
     }
 
     fn put(&mut self, index: usize, found: &StoreTile, surface: &TileSurface) {

@@ -125,7 +125,9 @@ mod tests {
             growth in prop_oneof![Just(GrowthRule::Missing), Just(GrowthRule::Paper)],
         ) {
             let settings = MemorySettings::default().with(|settings| {
-                (settings.max_gaussians, settings.growth, settings.max_votes) = (max_gaussians, growth, 3.0);
+                settings.max_gaussians = max_gaussians;
+                settings.growth = growth;
+                settings.max_votes = 3.0;
             });
             let mut memory = SplatMemory::new(settings, 0, &mut |_| {}).unwrap();
             let (mut carried, mut holds) = (BTreeSet::new(), BTreeMap::new());

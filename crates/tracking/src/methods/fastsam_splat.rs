@@ -80,7 +80,9 @@ impl FastSamSplat {
     pub fn with_memory(mut settings: FastSamSplatSettings, memory: SplatMemory) -> Result<Self, TrackingError> {
         settings.validate()?;
         if !memory.rules().judges_predictions {
-            (settings.min_match_f_score, settings.min_visible_fraction, settings.min_new_fraction) = (0.0, 0.0, 0.0);
+            settings.min_match_f_score = 0.0;
+            settings.min_visible_fraction = 0.0;
+            settings.min_new_fraction = 0.0;
         }
         Ok(Self { memory, settings })
     }

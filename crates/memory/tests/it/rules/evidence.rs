@@ -196,8 +196,10 @@ fn expected_fused_and_learnt_segments_match_the_definition() {
     // With `removal_frames` 0, Gaussians that a frame sees through stay in the view, in front.
     let removes_nothing = evidence().with(|settings| settings.removal_frames = 0);
     let others = evidence().with(|settings| {
-        (settings.no_segment_weight, settings.contradicted_weight) = (0.4, 0.6);
-        (settings.max_votes, settings.depth_tolerance) = (2.0, 0.2);
+        settings.no_segment_weight = 0.4;
+        settings.contradicted_weight = 0.6;
+        settings.max_votes = 2.0;
+        settings.depth_tolerance = 0.2;
     });
     for settings in [defaults, removes_nothing, others] {
         let mut random = ChaCha8Rng::seed_from_u64(7);

@@ -50,7 +50,8 @@ fn the_pixels_of_new_gaussians_are_learnt_only_with_learn_new() {
     let shot = Scene::wall().seen_from_origin();
     let learnt = |learn_new: bool| {
         let settings = features().with(|settings| {
-            (settings.learn_new, settings.active_tolerance) = (learn_new, -1.0);
+            settings.learn_new = learn_new;
+            settings.active_tolerance = -1.0;
         });
         Run::new(settings).show(&shot).update.learning.active_pixels
     };

@@ -31,7 +31,8 @@ fn an_id_is_reported_as_forgotten_once_when_no_gaussian_shows_it_any_more() {
 #[test]
 fn the_memory_of_features_looks_for_forgotten_ids_in_some_frames() {
     let settings = features().with(|settings| {
-        (settings.growth, settings.direction_learning_rate) = (GrowthRule::Missing, 0.5);
+        settings.growth = GrowthRule::Missing;
+        settings.direction_learning_rate = 0.5;
     });
     let mut run = Run::new(settings);
     let shot = Scene::wall().seen_from_origin();
