@@ -4,7 +4,7 @@ use super::kept_names::KeptNames;
 use super::stage_times::StageClock;
 use super::stages::{Placed, in_thread_pool, process, segment, timed};
 use super::{FrameResult, PipelineError};
-use splatseg_geometry::{CameraFrame, KeyframeId, Pose, RemappedId, RgbdFrame};
+use splatseg_geometry::{CameraFrame, KeyframeId, MapView, Pose, RemappedId, RgbdFrame};
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
 use splatseg_objects::ObjectLog;
 use splatseg_odometry::{
@@ -145,7 +145,12 @@ impl Pipeline {
         self.method.name()
     }
 
-    /// The splat memory, if the method has one.
+    /// The map, if the method has one.
+    pub fn map(&self) -> Option<MapView<'_>> {
+        self.method.map()
+    }
+
+    /// The splat memory, if the method has one. To read the map use [`Self::map`].
     pub fn memory(&self) -> Option<&SplatMemory> {
         self.method.memory()
     }
