@@ -79,8 +79,8 @@ impl Pipeline {
         self.step_placed(&frame.at(placed.pose.world_from_camera), placed)
     }
 
-    /// Corrects the given poses of earlier frames, e.g. after a SLAM system has closed a loop: the number of each frame, from
-    /// 0, and its pose. The map moves with them before the next frame is processed. Tracked poses are not changed.
+    /// Corrects the given poses of earlier frames, e.g. after a SLAM system has closed a loop: the number of each frame,
+    /// from 0, and its pose. The map moves with them before the next frame is processed. Tracked poses are not changed.
     pub fn correct_poses(&mut self, corrected: &[(usize, Pose)]) {
         self.corrected.extend(corrected.iter().copied());
     }
@@ -118,8 +118,8 @@ impl Pipeline {
         Ok(Placed { pose, anchor, time })
     }
 
-    /// Passes what the method has found to the source of poses, keeps views of the objects, and adds what has become known
-    /// since the previous result.
+    /// Passes what the method has found to the source of poses, keeps views of the objects, and adds what has become
+    /// known since the previous result.
     pub(super) fn completed(&mut self, frame: &RgbdFrame, mut result: FrameResult) -> FrameResult {
         let recognised = &result.output.update.remapped;
         self.poses.receive(MethodFindings { remapped: recognised, segments: Some(&result.output.segments) });
