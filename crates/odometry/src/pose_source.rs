@@ -31,8 +31,8 @@ pub trait PoseSource: Send {
         Vec::new()
     }
 
-    /// Returns the state after the latest frame as bytes, for [`Self::restore`] of another source with the same settings.
-    /// `None` if there is nothing to save.
+    /// Returns the state after the latest frame as bytes, for [`Self::restore`] of another source with the same
+    /// settings. `None` if there is nothing to save.
     fn save(&self, _scope: StateScope) -> Option<Vec<u8>> {
         None
     }
@@ -56,8 +56,8 @@ pub struct PoseInput<'a> {
     pub index: usize,
     /// The pose that came with the frame, camera to world.
     pub given: Option<&'a Pose>,
-    /// Corrected poses of earlier frames that became known with this one, by increasing index. Only poses that come with
-    /// the frames are corrected from outside.
+    /// Corrected poses of earlier frames that became known with this one, by increasing index. Only poses that come
+    /// with the frames are corrected from outside.
     pub corrected: &'a [(usize, Pose)],
 }
 
@@ -75,7 +75,8 @@ pub struct PoseUpdate {
     pub pose: CameraPose,
     /// The keyframe to which the surfaces of the frame are attached.
     pub anchor: FrameAnchor,
-    /// The correction of earlier poses that the frame has brought. The map must be corrected before the frame is processed.
+    /// The correction of earlier poses that the frame has brought. The map must be corrected before the frame is
+    /// processed.
     pub correction: Option<MapCorrection>,
     /// What has become known about the camera and the map.
     pub events: Vec<PoseEvent>,

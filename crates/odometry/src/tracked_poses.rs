@@ -31,7 +31,7 @@ pub struct TrackedPoses {
     pub(crate) mode: PoseMode,
     pub(crate) odometry: Odometry,
     /// The latest frame with a given pose, from which the next one may have to be tracked. Only with [`PoseMode::Auto`].
-    pub(crate) latest_given: Option<(CameraFrame<'static>, Pose)>,
+    pub(crate) bridge_from: Option<(CameraFrame<'static>, Pose)>,
     /// The latest given pose. Only with [`PoseMode::Refine`].
     pub(crate) last_given: Option<Pose>,
     pub(crate) map: KeyframeMap,
@@ -54,7 +54,7 @@ impl TrackedPoses {
         Self {
             mode,
             odometry: Odometry::new(),
-            latest_given: None,
+            bridge_from: None,
             last_given: None,
             map: KeyframeMap::default(),
             lost: Lost::default(),
@@ -95,7 +95,7 @@ impl TrackedPoses {
             self.map.add_given(&TrackedFrame::new(frame).pyramid, pose, self.index);
         }
         if self.mode == PoseMode::Auto {
-            self.latest_given = Some((frame.clone().into_owned(), *pose));
+            self.bridge_from = Some((frame.clone().into_owned(), *pose));
         }
         CameraPose::given(*pose)
     }
@@ -121,7 +121,7 @@ impl TrackedPoses {
 
     /// Tracks a frame without a pose between frames that have one.
     pub(crate) fn bridged(&mut self, frame: &CameraFrame<'_>) -> CameraPose {
-        self.start_at_latest_given();
+        self.start_bridge();
         self.odometry.next_keyframe = self.odometry.next_keyframe.max(self.map.store.next);
         let tracked = TrackedFrame::new(frame);
         let found = self.odometry.track_frame(&tracked, &Pose::IDENTITY, None);
@@ -130,8 +130,8 @@ impl TrackedPoses {
     }
 
     /// Makes tracking go on from the latest frame with a given pose.
-    pub(crate) fn start_at_latest_given(&mut self) {
-        if let Some((frame, pose)) = self.latest_given.take() {
+    pub(crate) fn start_bridge(&mut self) {
+        if let Some((frame, pose)) = self.bridge_from.take() {
             self.odometry.set(&frame, &pose);
             self.odometry.made = None;
         }

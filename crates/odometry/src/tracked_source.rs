@@ -50,7 +50,7 @@ impl PoseSource for TrackedPoses {
         match scope {
             StateScope::Run => {
                 let mut state = self.clone();
-                state.start_at_latest_given();
+                state.start_bridge();
                 serde_json::to_vec(&SavedPoses::of(&state)).ok()
             }
             StateScope::Map => saved_keyframes::bytes(&self.map),
@@ -63,7 +63,7 @@ impl PoseSource for TrackedPoses {
                 let saved: SavedPoses =
                     serde_json::from_slice(state).map_err(|error| PoseSourceError::State(error.to_string()))?;
                 saved.restore(self).map_err(PoseSourceError::State)?;
-                self.latest_given = None;
+                self.bridge_from = None;
             }
             StateScope::Map => {
                 let mut map = saved_keyframes::parsed(state).map_err(PoseSourceError::State)?;

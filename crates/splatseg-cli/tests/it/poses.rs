@@ -108,6 +108,10 @@ fn poses_that_do_not_fit_the_images_are_told_with_the_setting_that_mends_them() 
     let warning = "warning: the given poses do not fit the images, but they do as camera-to-world poses";
     assert!(ended.err.contains(warning), "{}", ended.err);
     assert!(ended.err.contains("dataset.pose_convention = camera-to-world"), "{}", ended.err);
+    let doubts_of = |out: &str| read_json(&folder.path().join(out).join("summary.json"))["input_doubts"].clone();
+    let doubts = doubts_of("warned");
+    let [doubt] = doubts.as_array().unwrap().as_slice() else { panic!("{doubts}") };
+    assert!(ended.err.contains(&format!("warning: {}", doubt.as_str().unwrap())), "{doubt}: {}", ended.err);
 
     let strict = run(scene, &folder.path().join("strict"), &[&wrong[..], &["--strict-input"]].concat());
     assert_eq!(strict.code, 2, "{}", strict.err);
@@ -115,6 +119,7 @@ fn poses_that_do_not_fit_the_images_are_told_with_the_setting_that_mends_them() 
 
     let right = run(scene, &folder.path().join("right"), &["--segmenter", "oracle", "--strict-input"]);
     assert_eq!(right.code, 0, "{}", right.err);
+    assert!(doubts_of("right").is_null(), "nothing was conspicuous");
     let refused = run(scene, &folder.path().join("refused"), &["--pose-convention", "left-handed"]);
     assert!(refused.code == 2 && refused.err.contains("--pose-convention"), "{}", refused.err);
 }

@@ -40,7 +40,7 @@ impl KeptNames {
     /// The names of the objects that a memory contains, as bytes; `None` without any.
     pub(super) fn of_present(&self, memory: &SplatMemory) -> Option<Vec<u8>> {
         let mut names = self.names.clone();
-        names.keep_only(&memory.carried_ids());
+        names.keep_only(&memory.map().carried_ids());
         (!names.is_empty()).then(|| names.to_bytes())
     }
 }

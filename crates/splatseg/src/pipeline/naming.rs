@@ -4,7 +4,6 @@ use super::kept_names::KeptNames;
 use super::{NameObjectsError, Pipeline};
 use crate::parts::ObjectToName;
 use splatseg_geometry::SegmentId;
-use splatseg_memory::SplatMemory;
 use splatseg_objects::{NameError, ObjectList, ObjectName, ObjectNames, ObjectState};
 use std::collections::BTreeSet;
 use std::error::Error;
@@ -55,7 +54,7 @@ impl Pipeline {
         mut namer: impl FnMut(ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>>,
     ) -> Result<usize, NameObjectsError> {
         let views = self.names.views.as_ref().ok_or(NameObjectsError::NoViews)?;
-        let is_carried = |id: &SegmentId| self.memory().is_none_or(|memory| memory.is_carried(*id));
+        let is_carried = |id: &SegmentId| self.map().is_none_or(|map| map.is_carried(*id));
         let to_name: BTreeSet<SegmentId> = views.to_name(&self.names.names).filter(is_carried).collect();
         // The list of objects takes milliseconds, and mostly there is nothing to name.
         if to_name.is_empty() {
@@ -125,13 +124,13 @@ impl Pipeline {
     /// The objects seen so far or in the memory, with their labels. Confidences and best views are unknown until
     /// [`ObjectList::add_sightings`] is called.
     pub fn object_list(&self) -> ObjectList {
-        let mut list = ObjectList::new(&self.objects, self.method.memory());
+        let mut list = ObjectList::new(&self.objects, self.map());
         list.add_names(&self.names.names);
         list
     }
 
     /// The objects in the memory; `None` without a memory.
     fn present(&self) -> Option<BTreeSet<SegmentId>> {
-        self.memory().map(SplatMemory::carried_ids)
+        self.map().map(|map| map.carried_ids())
     }
 }

@@ -4,7 +4,7 @@ use super::kept_names::KeptNames;
 use super::stage_times::StageClock;
 use super::stages::{Placed, in_thread_pool, process, segment, timed};
 use super::{FrameResult, PipelineError};
-use splatseg_geometry::{CameraFrame, KeyframeId, Pose, RemappedId, RgbdFrame};
+use splatseg_geometry::{CameraFrame, KeyframeId, MapView, Pose, RemappedId, RgbdFrame};
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
 use splatseg_objects::ObjectLog;
 use splatseg_odometry::{
@@ -79,8 +79,8 @@ impl Pipeline {
         self.step_placed(&frame.at(placed.pose.world_from_camera), placed)
     }
 
-    /// Corrects the given poses of earlier frames, e.g. after a SLAM system has closed a loop: the number of each frame, from
-    /// 0, and its pose. The map moves with them before the next frame is processed. Tracked poses are not changed.
+    /// Corrects the given poses of earlier frames, e.g. after a SLAM system has closed a loop: the number of each frame,
+    /// from 0, and its pose. The map moves with them before the next frame is processed. Tracked poses are not changed.
     pub fn correct_poses(&mut self, corrected: &[(usize, Pose)]) {
         self.corrected.extend(corrected.iter().copied());
     }
@@ -154,7 +154,12 @@ impl Pipeline {
         self.method.name()
     }
 
-    /// The splat memory, if the method has one.
+    /// The map, if the method has one.
+    pub fn map(&self) -> Option<MapView<'_>> {
+        self.method.map()
+    }
+
+    /// The splat memory, if the method has one. To read the map use [`Self::map`].
     pub fn memory(&self) -> Option<&SplatMemory> {
         self.method.memory()
     }
