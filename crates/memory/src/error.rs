@@ -1,6 +1,6 @@
 //! Errors creating or using a memory.
 
-use crate::CodebookError;
+use crate::{CodebookError, SplatFileError};
 use splatseg_geometry::SegmentId;
 use splatseg_settings::SettingError;
 use thiserror::Error;
@@ -38,5 +38,44 @@ pub enum MemoryError {
         found: SegmentId,
         /// The largest id returned so far.
         known: SegmentId,
+    },
+}
+
+/// An error loading a saved memory.
+#[derive(Debug, Error)]
+pub enum LoadMemoryError {
+    /// The file is damaged or not a splatseg memory.
+    #[error(transparent)]
+    File(#[from] SplatFileError),
+    /// A setting is out of range.
+    #[error(transparent)]
+    Settings(#[from] MemoryError),
+    /// The file contains a memory of another kind than the settings.
+    #[error("{path}: the memory has the kind {found:?}, but memory.kind is {expected:?}")]
+    Kind {
+        /// The file.
+        path: String,
+        /// Kind of the file.
+        found: &'static str,
+        /// Kind in the settings.
+        expected: &'static str,
+    },
+    /// The state that the file contains besides its Gaussians is invalid.
+    #[error("{path}: invalid state besides the Gaussians: {found}")]
+    SavedState {
+        /// The file.
+        path: String,
+        /// The problem.
+        found: String,
+    },
+    /// The file's features have another dimension than the settings.
+    #[error("{path}: the features have {found} channels, but memory.feature_dim is {expected}")]
+    FeatureDim {
+        /// The file.
+        path: String,
+        /// Channels in the file.
+        found: usize,
+        /// Channels in the settings.
+        expected: usize,
     },
 }

@@ -16,8 +16,9 @@ mod error;
 mod evidence;
 mod features;
 mod growth;
+mod kind_definitions;
 mod map;
-mod memory_kinds;
+mod memory_kind;
 mod memory_rules;
 mod origin;
 mod persistence;
@@ -32,15 +33,14 @@ mod settings;
 mod splat_memory;
 
 pub use belief::SegmentBelief;
-pub use error::MemoryError;
+pub use error::{LoadMemoryError, MemoryError};
 pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings};
+pub use kind_definitions::{MemoryKindDefinition, NewStore, SavedStore, register_memory_kind};
 pub use map::{NewGaussian, SplatMap};
-pub use memory_kinds::{
-    MemoryKind, MemoryKindDefinition, NewStore, RegisterKindError, RegisteredKind, SavedStore, register_memory_kind,
-};
+pub use memory_kind::{MemoryKind, RegisterKindError, RegisteredKind};
 pub use memory_rules::MemoryRules;
-pub use persistence::{Attached, LoadMemoryError};
+pub use persistence::Attached;
 pub use ply::{ExportedForm, write_exported};
 pub use ply::{SavedCodes, SavedMemorySettings};
 pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFileView};

@@ -15,7 +15,7 @@ pub use error::SettingError;
 pub use field::{Field, Section, full_key};
 #[doc(hidden)]
 pub use value::is_left_out;
-pub use value::{Choice, SettingValue};
+pub use value::{Choice, SettingValue, is_name};
 
 /// Used by the code that the macros generate.
 #[doc(hidden)]

@@ -32,7 +32,7 @@ static LAST_SEEN: MemoryKindDefinition = MemoryKindDefinition {
         SplatContent::Evidence { votes } => {
             Ok(Box::new(LastSeen { votes, has_format: true, ..LastSeen::new(SegmentId::MAX) }))
         }
-        _ => Err(saved.unexpected(settings)),
+        SplatContent::Features { .. } => Err(saved.unexpected(settings)),
     },
 };
 

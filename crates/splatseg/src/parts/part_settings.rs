@@ -1,56 +1,13 @@
 //! A chosen part with its settings.
 
+use super::section::AnySection;
 use super::{MissingFile, Part, PartContext, PartError, PartFiles, PartKind, PartSection, SettingsInput};
 use serde::ser::Error as _;
 use serde::{Serialize, Serializer};
 use splatseg_settings::SettingError;
-use std::any::Any;
 use std::fmt;
 use std::path::PathBuf;
 use toml::{Table, Value};
-
-/// A [`PartSection`] without its type.
-pub(super) trait AnySection<T: ?Sized>: fmt::Debug + Send + Sync {
-    fn as_any(&self) -> &dyn Any;
-    fn as_any_mut(&mut self) -> &mut dyn Any;
-    fn cloned(&self) -> Box<dyn AnySection<T>>;
-    fn equals(&self, other: &dyn AnySection<T>) -> bool;
-    fn validate(&self) -> Result<(), SettingError>;
-    fn to_table(&self) -> Result<Table, String>;
-    fn build(&self, files: &PartFiles, context: &PartContext<'_>) -> Result<Box<T>, PartError>;
-}
-
-impl<T: ?Sized, S: PartSection<T>> AnySection<T> for S {
-    fn as_any(&self) -> &dyn Any {
-        self
-    }
-
-    fn as_any_mut(&mut self) -> &mut dyn Any {
-        self
-    }
-
-    fn cloned(&self) -> Box<dyn AnySection<T>> {
-        Box::new(self.clone())
-    }
-
-    fn equals(&self, other: &dyn AnySection<T>) -> bool {
-        other.as_any().downcast_ref::<S>() == Some(self)
-    }
-
-    fn validate(&self) -> Result<(), SettingError> {
-        splatseg_settings::Section::validate(self)
-    }
-
-    fn to_table(&self) -> Result<Table, String> {
-        // Converted through text, in which the `f32` 0.3 stays 0.3.
-        let text = toml::to_string(self).map_err(|error| error.to_string())?;
-        text.parse().map_err(|error: toml::de::Error| error.to_string())
-    }
-
-    fn build(&self, files: &PartFiles, context: &PartContext<'_>) -> Result<Box<T>, PartError> {
-        PartSection::build(self, files, context)
-    }
-}
 
 /// A part with its settings. `T` is what is built, e.g. `dyn Segmenter`.
 ///

@@ -1,9 +1,27 @@
 //! The table of the parts of a kind, to which other crates can add theirs.
 
 use super::requirements::{Registry, file};
-use super::{Part, PartKind, PartSection};
+use super::{Part, PartSection};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use thiserror::Error;
+
+/// A kind of part with a table: `dyn Segmenter`, `dyn Tracker` or `dyn Namer`.
+pub trait PartKind: 'static {
+    /// The setting that chooses a part, e.g. `segmenter`.
+    const KEY: &'static str;
+    /// The part that is used if none is chosen.
+    const DEFAULT: Option<Part<Self>>;
+
+    /// The parts that can be chosen.
+    fn table() -> &'static PartTable<Self>;
+}
+
+impl<T: PartKind + ?Sized> Part<T> {
+    /// Returns all parts of the kind that can be chosen: those built in, then those that were registered.
+    pub fn all() -> Vec<Self> {
+        T::table().parts()
+    }
+}
 
 /// An error registering a part.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -87,8 +105,7 @@ impl<T: PartKind + ?Sized> PartTable<T> {
     /// If the name is taken or cannot be written.
     pub(crate) fn check_name<S: PartSection<T>>(&self) -> Result<(), RegisterError> {
         let (kind, name) = (T::KEY, S::NAME);
-        let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || b"-_".contains(&byte);
-        if name.is_empty() || !name.bytes().all(is_plain) {
+        if !splatseg_settings::is_name(name) {
             return Err(RegisterError::Name { kind, name });
         }
         if self.parts().iter().any(|part| part.name == name) {

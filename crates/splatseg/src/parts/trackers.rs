@@ -1,6 +1,5 @@
 //! The built-in trackers: names, files and construction. A new tracker is added here.
 
-use super::methods;
 use super::requirements::{Registry, choice};
 use super::{Part, PartContext, PartError, PartFile, PartFiles, PartKind, PartSection, PartSettings, PartTable};
 use splatseg_settings::SettingError;
@@ -70,9 +69,9 @@ impl PartSection<dyn Tracker> for SimTrackerSettings {
     }
 }
 
-/// Adds the choice of a tracker, and the settings of each.
-pub(crate) fn add_settings(registry: &mut Registry) {
-    let tracked = ("method", &methods::WITH_TRACKER[..]);
+/// Adds the choice of a tracker, and the settings of each. `methods` are those that have a tracker.
+pub(crate) fn add_settings(registry: &mut Registry, methods: &[&'static str]) {
+    let tracked = ("method", methods);
     let help = "The tracker of the methods `sam2` and `sam2-splat`.";
     registry.add(vec![choice("tracker", Some(Sam2TrackerSettings::NAME), TRACKERS.names(), help)], &[tracked]);
     TRACKERS.add_settings(registry, &[tracked]);

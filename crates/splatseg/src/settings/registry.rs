@@ -19,7 +19,7 @@ pub fn entries() -> Vec<Entry> {
     registry.require("device", Requirement::OneOf(networks));
     registry.add(DatasetSettings::fields(), &[]);
     methods::add_settings(&mut registry);
-    trackers::add_settings(&mut registry);
+    trackers::add_settings(&mut registry, &methods::WITH_TRACKER);
     segmenters::add_settings(&mut registry);
     namers::add_settings(&mut registry);
     let mut entries = registry.entries;

@@ -55,15 +55,15 @@ impl Serialize for Settings {
             #[serde(flatten)]
             segmenter: &'a SegmenterSettings,
             #[serde(flatten)]
-            namer: &'a Option<NamerSettings>,
+            namer: Option<&'a NamerSettings>,
             dataset: &'a DatasetSettings,
             #[serde(flatten)]
             run: &'a RunSettings,
         }
         let Self { method, segmenter, namer, dataset, run } = self;
         // Converted through text, in which the `f32` 0.3 stays 0.3.
-        let text =
-            toml::to_string(&AllSettings { method, segmenter, namer, dataset, run }).map_err(S::Error::custom)?;
+        let text = toml::to_string(&AllSettings { method, segmenter, namer: namer.as_ref(), dataset, run })
+            .map_err(S::Error::custom)?;
         let table: Table = text.parse().map_err(S::Error::custom)?;
         only_used(&table, &entries()).serialize(serializer)
     }
