@@ -16,7 +16,7 @@ pub enum MemoryKind {
     Evidence,
     /// The paper's feature vectors, learnt by gradient descent.
     Features,
-    /// A kind that another crate has added; see [`register_memory_kind`].
+    /// A kind that another crate has added; see [`register_memory_kind`](crate::register_memory_kind).
     Registered(RegisteredKind),
 }
 

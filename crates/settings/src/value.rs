@@ -40,7 +40,8 @@ pub trait Choice: Copy + Sized + 'static {
     }
 }
 
-/// Returns true if a text can name a value in settings and on the command line: lower-case letters, digits, `-` and `_`.
+/// Returns true if a text can name a value in settings and on the command line: lower-case letters, digits, `-` and
+/// `_`.
 pub fn is_name(text: &str) -> bool {
     let is_plain = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || b"-_".contains(&byte);
     !text.is_empty() && text.bytes().all(is_plain)
