@@ -26,6 +26,7 @@
 //! | `keyframe_map.rs`, `loop_closing.rs`, `graph/` | relative poses of keyframes, loops, the correction of all poses |
 //! | `se3.rs` | rigid motions as six numbers |
 //! | `saved.rs`, `saved_keyframes.rs` | the state of a run that is resumed; keyframes saved with a map |
+//! | `old_keyframes.rs` | keyframes in maps of an earlier version |
 
 mod alignment;
 mod graph;
@@ -39,6 +40,7 @@ mod lost;
 mod motion_test;
 mod movers;
 mod odometry;
+mod old_keyframes;
 mod plausibility;
 mod pose_event;
 mod pose_source;

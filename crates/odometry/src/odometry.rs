@@ -10,7 +10,7 @@ use crate::pyramid::{GreyFrame, Pyramid};
 use crate::se3;
 use crate::segment_runs::SegmentRuns;
 use crate::{CameraPose, PoseQuality, PoseState};
-use splatseg_geometry::{CameraFrame, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
+use splatseg_geometry::{CameraFrame, CowImage, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -70,17 +70,19 @@ pub(crate) struct MadeKeyframe {
 }
 
 /// A frame to track.
-pub(crate) struct TrackedFrame {
+pub(crate) struct TrackedFrame<'a> {
     pub(crate) grey: GreyFrame,
     pub(crate) pyramid: Pyramid,
+    /// sRGB, `[height, width]`.
+    pub(crate) color: &'a CowImage<'a, [u8; 3]>,
     pub(crate) timestamp: Option<Duration>,
 }
 
-impl TrackedFrame {
-    pub(crate) fn new(frame: &CameraFrame<'_>) -> Self {
+impl<'a> TrackedFrame<'a> {
+    pub(crate) fn new(frame: &'a CameraFrame<'_>) -> Self {
         let grey = GreyFrame::new(frame);
         let pyramid = Pyramid::new(&grey);
-        Self { grey, pyramid, timestamp: frame.timestamp() }
+        Self { grey, pyramid, color: frame.color(), timestamp: frame.timestamp() }
     }
 }
 
@@ -99,8 +101,13 @@ impl Odometry {
     }
 
     /// As [`Self::track`].
-    pub(crate) fn track_frame(&mut self, frame: &TrackedFrame, initial: &Pose, motion: Option<&Pose>) -> CameraPose {
-        let TrackedFrame { grey, pyramid, timestamp } = frame;
+    pub(crate) fn track_frame(
+        &mut self,
+        frame: &TrackedFrame<'_>,
+        initial: &Pose,
+        motion: Option<&Pose>,
+    ) -> CameraPose {
+        let TrackedFrame { grey, pyramid, timestamp, .. } = frame;
         self.made = None;
         let has_size = self.keyframes.back().is_some_and(|keyframe| keyframe.frame.intrinsics == grey.intrinsics);
         let (Some(last), true) = (self.last, has_size) else {
@@ -130,7 +137,7 @@ impl Odometry {
     }
 
     /// As [`Self::set`].
-    pub(crate) fn set_frame(&mut self, frame: &TrackedFrame, world_from_camera: &Pose) {
+    pub(crate) fn set_frame(&mut self, frame: &TrackedFrame<'_>, world_from_camera: &Pose) {
         let (movers, focal, next_keyframe) = (std::mem::take(&mut self.movers), self.focal, self.next_keyframe);
         *self = Self { movers, focal, next_keyframe, ..Self::default() };
         self.start(&frame.grey, &frame.pyramid, world_from_camera, frame.timestamp);

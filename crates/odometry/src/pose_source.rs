@@ -49,7 +49,8 @@ pub trait PoseSource: Send {
         BTreeMap::new()
     }
 
-    /// Returns the keyframes as bytes, to be saved with a map. `None` if there are none.
+    /// Returns the keyframes as bytes of a [`StateBlock`](splatseg_files::StateBlock), to be saved with a map. `None` if
+    /// there are none.
     fn keyframes(&self) -> Option<Vec<u8>> {
         None
     }
@@ -78,8 +79,8 @@ pub trait PoseSource: Send {
         Vec::new()
     }
 
-    /// Returns the state that [`Self::restore`] needs to continue with the next frame, as JSON. `None` if there is no
-    /// state.
+    /// Returns the state that [`Self::restore`] needs to continue with the next frame, as bytes of a
+    /// [`StateBlock`](splatseg_files::StateBlock). `None` if there is no state.
     fn save(&self) -> Option<Vec<u8>> {
         None
     }

@@ -83,7 +83,7 @@ impl TrackedPoses {
     fn given(&mut self, frame: &CameraFrame<'_>, pose: &Pose) -> CameraPose {
         self.has_given = true;
         if self.map.wants_given(pose) {
-            self.map.add_given(&TrackedFrame::new(frame).pyramid, pose, self.index);
+            self.map.add_given(&TrackedFrame::new(frame), pose, self.index);
         }
         if self.mode == PoseMode::Auto {
             self.anchor = Some((frame.clone().into_owned(), *pose));
@@ -146,7 +146,7 @@ impl TrackedPoses {
     }
 
     /// Searches for a camera that is lost.
-    fn search(&mut self, frame: &TrackedFrame, last: Option<&Pose>) -> CameraPose {
+    fn search(&mut self, frame: &TrackedFrame<'_>, last: Option<&Pose>) -> CameraPose {
         let lost = |pose: Option<&Pose>| CameraPose {
             world_from_camera: pose.copied().unwrap_or(Pose::IDENTITY),
             state: PoseState::Lost,
@@ -180,7 +180,7 @@ impl TrackedPoses {
     }
 
     /// Keeps a new keyframe, and searches for loops.
-    fn after_tracking(&mut self, frame: &TrackedFrame, found: CameraPose) -> CameraPose {
+    fn after_tracking(&mut self, frame: &TrackedFrame<'_>, found: CameraPose) -> CameraPose {
         if found.state == PoseState::Lost {
             return found;
         }
@@ -204,9 +204,9 @@ impl TrackedPoses {
         CameraPose { world_from_camera, ..found }
     }
 
-    fn add_made_keyframe(&mut self, frame: &TrackedFrame) {
+    fn add_made_keyframe(&mut self, frame: &TrackedFrame<'_>) {
         if let Some(made) = self.odometry.made.take() {
-            let keyframe = self.map.described(&made, &frame.pyramid);
+            let keyframe = self.map.described(&made, frame);
             self.map.add_tracked(keyframe, made.link);
         }
     }
@@ -300,12 +300,11 @@ impl PoseSource for TrackedPoses {
     fn save(&self) -> Option<Vec<u8>> {
         let mut state = self.clone();
         state.start_at_anchor();
-        serde_json::to_vec(&SavedPoses::of(&state)).ok()
+        SavedPoses::of(&state).to_bytes()
     }
 
     fn restore(&mut self, state: &[u8]) -> Result<(), PoseSourceError> {
-        let saved: SavedPoses =
-            serde_json::from_slice(state).map_err(|error| PoseSourceError::State(error.to_string()))?;
+        let saved = SavedPoses::from_bytes(state).map_err(PoseSourceError::State)?;
         saved.restore(self).map_err(PoseSourceError::State)?;
         self.anchor = None;
         Ok(())

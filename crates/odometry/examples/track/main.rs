@@ -139,7 +139,7 @@ impl Run {
     fn print_interval(&mut self, frames: usize) {
         let memory = cost::memory();
         let saved = self.poses.keyframes().unwrap_or_default();
-        let sizes = loops::sizes(&saved).map_or_else(|error| error.to_string(), |sizes| sizes.to_string());
+        let sizes = loops::sizes(&saved).unwrap_or_else(|error| error.to_string());
         println!("after {frames} frames: {}; {sizes}, {memory}", self.costs.since_last());
     }
 
