@@ -18,6 +18,7 @@ mod features;
 mod growth;
 mod map;
 mod memory_rules;
+mod old_saved_state;
 mod origin;
 mod persistence;
 mod ply;

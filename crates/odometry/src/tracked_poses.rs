@@ -3,8 +3,8 @@
 use crate::input_checks::InputChecks;
 use crate::keyframe_map::KeyframeMap;
 use crate::lost::{Lost, Search};
-use crate::odometry::TrackedFrame;
 use crate::plausibility::ImageUse;
+use crate::tracked_frame::TrackedFrame;
 use crate::{CameraPose, Odometry, PoseEvent, PoseState};
 use splatseg_geometry::{CameraFrame, FrameAnchor, MapCorrection, Pose, PoseFormat};
 use splatseg_settings::choices;
@@ -92,7 +92,7 @@ impl TrackedPoses {
     pub(crate) fn given(&mut self, frame: &CameraFrame<'_>, pose: &Pose) -> CameraPose {
         self.has_given = true;
         if self.map.wants_given(pose) {
-            self.map.add_given(&TrackedFrame::new(frame).pyramid, pose, self.index);
+            self.map.add_given(&TrackedFrame::new(frame), pose, self.index);
         }
         if self.mode == PoseMode::Auto {
             self.bridge_from = Some((frame.clone().into_owned(), *pose));
@@ -158,7 +158,7 @@ impl TrackedPoses {
     }
 
     /// Searches for a camera that is lost.
-    fn search(&mut self, frame: &TrackedFrame, last: Option<&Pose>) -> CameraPose {
+    fn search(&mut self, frame: &TrackedFrame<'_>, last: Option<&Pose>) -> CameraPose {
         let lost = |pose: Option<&Pose>| CameraPose {
             world_from_camera: pose.copied().unwrap_or(Pose::IDENTITY),
             state: PoseState::Lost,
@@ -192,7 +192,7 @@ impl TrackedPoses {
     }
 
     /// Keeps a new keyframe, and searches for loops.
-    fn after_tracking(&mut self, frame: &TrackedFrame, found: CameraPose) -> CameraPose {
+    fn after_tracking(&mut self, frame: &TrackedFrame<'_>, found: CameraPose) -> CameraPose {
         if found.state == PoseState::Lost {
             return found;
         }
@@ -216,9 +216,9 @@ impl TrackedPoses {
         CameraPose { world_from_camera, ..found }
     }
 
-    fn add_made_keyframe(&mut self, frame: &TrackedFrame) {
+    fn add_made_keyframe(&mut self, frame: &TrackedFrame<'_>) {
         if let Some(made) = self.odometry.made.take() {
-            let keyframe = self.map.described(&made, &frame.pyramid);
+            let keyframe = self.map.described(&made, frame);
             self.map.add_tracked(keyframe, made.link);
         }
     }
