@@ -28,7 +28,7 @@ const FRAME_TIME: f64 = 1.0 / 30.0;
 
 /// The search for a lost camera.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Lost {
+pub(crate) struct LostCamera {
     /// Tracking from a place that was recognised once.
     pub(crate) probation: Option<Probation>,
     /// Frames with a view since the camera was lost.
@@ -58,7 +58,7 @@ pub(crate) enum Search {
     NewPart,
 }
 
-impl Lost {
+impl LostCamera {
     /// Searches for the place of a frame. `last` is the last known pose, if it belongs to the map; `keyframes` receives
     /// the keyframes on the way.
     pub(crate) fn search(&mut self, map: &mut KeyframeMap, frame: &TrackedFrame<'_>, last: Option<&Pose>) -> Search {

@@ -14,7 +14,7 @@
 use crate::graph::Edge;
 use crate::keyframe::Keyframe;
 use crate::keyframes::StoredKeyframe;
-use crate::lost::{Lost, Probation};
+use crate::lost::{LostCamera, Probation};
 use crate::movers::Movers;
 use crate::odometry::MAX_KEYFRAMES;
 use crate::plausibility::FocalEstimate;
@@ -104,7 +104,7 @@ impl SavedPoses {
         let map = saved_keyframes::map_of(&block.take_block("keyframes"))?;
         poses.odometry = odometry_of(block.take_block("odometry"))?;
         poses.map = map;
-        poses.lost = Lost { probation, views: lost_views, frames: lost_frames, since: lost_since };
+        poses.lost = LostCamera { probation, views: lost_views, frames: lost_frames, since: lost_since };
         (poses.last_given, poses.has_given) = (last_given, has_given);
         Ok(())
     }

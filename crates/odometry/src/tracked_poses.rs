@@ -2,7 +2,7 @@
 
 use crate::input_checks::InputChecks;
 use crate::keyframe_map::KeyframeMap;
-use crate::lost::{Lost, Search};
+use crate::lost::{LostCamera, Search};
 use crate::plausibility::ImageUse;
 use crate::tracked_frame::TrackedFrame;
 use crate::{CameraPose, Odometry, PoseEvent, PoseState};
@@ -35,7 +35,7 @@ pub struct TrackedPoses {
     /// The latest given pose. Only with [`PoseMode::Refine`].
     pub(crate) last_given: Option<Pose>,
     pub(crate) map: KeyframeMap,
-    pub(crate) lost: Lost,
+    pub(crate) lost: LostCamera,
     /// True once a frame came with a pose that was used as it is.
     pub(crate) has_given: bool,
     /// Index of the latest frame in its source.
@@ -57,7 +57,7 @@ impl TrackedPoses {
             bridge_from: None,
             last_given: None,
             map: KeyframeMap::default(),
-            lost: Lost::default(),
+            lost: LostCamera::default(),
             has_given: false,
             index: 0,
             correction: None,
@@ -196,7 +196,7 @@ impl TrackedPoses {
         if found.state == PoseState::Lost {
             return found;
         }
-        self.lost = Lost { since: frame.timestamp, ..Lost::default() };
+        self.lost = LostCamera { since: frame.timestamp, ..LostCamera::default() };
         if self.odometry.made.is_some() {
             self.add_made_keyframe(frame);
             if !self.map.is_behind() {
