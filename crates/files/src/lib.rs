@@ -6,6 +6,8 @@
 //!
 //! [`text_of`] reads text as other systems write it, with a byte order mark or as UTF-16.
 //!
+//! A [`StateBlock`] holds what is saved to be continued later: named arrays, in the form of a safetensors file.
+//!
 //! An [`AtomicFile`] is written under a temporary name in the folder of its destination and renamed when it is
 //! complete and on the disk. A reader sees the old file or the new one, never a partial file, also after a power cut. If
 //! anything fails, or the file is dropped before it is committed, the temporary file is removed and the old file stays.
@@ -13,9 +15,11 @@
 mod atomic_file;
 mod memory_limit;
 mod regular_file;
+mod state_block;
 mod text;
 
 pub use atomic_file::{AtomicFile, remove_leftovers, sync_file_system, write_atomically, write_unsynced};
 pub use memory_limit::{ByteSizeTextError, MemoryLimit, address_space_limit, display_bytes};
 pub use regular_file::{open_file, read_file};
+pub use state_block::{StateBlock, StateError, StateNumber};
 pub use text::{TextError, has_decimal_commas, is_number_with_comma, text_of, utf8_bytes, without_mark};

@@ -145,6 +145,16 @@ impl Pose {
         Self::from_matrix(DMat4::from_cols_array(&matrix).transpose())
     }
 
+    /// Restores a pose from [`Self::to_row_major`], to the same bits: the rotation is not orthonormalised.
+    ///
+    /// # Errors
+    /// As [`Self::from_matrix`].
+    pub fn from_saved_row_major(matrix: [f64; 16]) -> Result<Self, PoseError> {
+        let matrix = DMat4::from_cols_array(&matrix).transpose();
+        let pose = Self::from_matrix(matrix)?;
+        Ok(Self { rotation: DMat3::from_mat4(matrix), ..pose })
+    }
+
     /// The camera-to-world matrix, row-major, as stored in datasets.
     pub fn to_row_major(&self) -> [f64; 16] {
         self.to_matrix().transpose().to_cols_array()
@@ -254,6 +264,16 @@ mod tests {
             assert!(pose(scale).to_matrix().abs_diff_eq(pose(1.0).to_matrix(), 1e-15));
         }
         assert!((pose(1.0).to_world(Vec3::X) - DVec3::new(1.28, 2.96, 3.0)).length() < 1e-12);
+    }
+
+    #[test]
+    fn a_saved_pose_is_restored_to_the_bit() {
+        let turn = DQuat::from_euler(EulerRot::XYZ, 0.3, -1.1, 2.0);
+        let step = Pose::from_quaternion(DVec3::new(0.1, -2.0, 1e-9), turn).unwrap();
+        let pose = (0..100).fold(step, |pose, _| pose * step);
+        let restored = Pose::from_saved_row_major(pose.to_row_major()).unwrap();
+        assert_eq!(restored.to_row_major().map(f64::to_bits), pose.to_row_major().map(f64::to_bits));
+        assert!(Pose::from_saved_row_major([f64::NAN; 16]).is_err() && Pose::from_saved_row_major([1.0; 16]).is_err());
     }
 
     #[test]

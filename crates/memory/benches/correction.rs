@@ -5,6 +5,7 @@
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use glam::{DVec3, Vec3};
+use splatseg_files::StateBlock;
 use splatseg_geometry::{MapCorrection, Pose};
 use splatseg_memory::{MemorySettings, SplatContent, SplatFile, SplatMap, SplatMemory, Votes};
 use splatseg_render::Balls;
@@ -26,7 +27,9 @@ fn drifted_map() -> SplatFile {
     let id = |index: usize| 1 + (keyframe(index) / 5) as u32;
     let segment_ids: Vec<u32> = (0..COUNT).map(id).collect();
     let first = |keyframe: usize| (keyframe * COUNT).div_ceil(KEYFRAMES);
-    let runs: Vec<[usize; 2]> = (0..KEYFRAMES).map(|number| [number, first(number + 1) - first(number)]).collect();
+    let runs = (0..KEYFRAMES).flat_map(|number| [number, first(number + 1) - first(number)]);
+    let mut saved_state = StateBlock::default();
+    saved_state.put("memory.anchors", &[2], runs.map(|number| number as u64));
     let count = 1 + KEYFRAMES / 5;
     SplatFile {
         origin: DVec3::ZERO,
@@ -44,7 +47,7 @@ fn drifted_map() -> SplatFile {
         sightings: vec![9; count],
         carried: vec![true; count],
         frames: 300,
-        saved_state: format!("{{\"anchors\":{runs:?}}}").into_bytes(),
+        saved_state,
     }
 }
 

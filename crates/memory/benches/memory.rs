@@ -5,6 +5,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use glam::{DVec3, Vec3};
+use splatseg_files::StateBlock;
 use splatseg_memory::{Codebook, CodebookSettings, SplatContent, SplatFile, SplatMap, Votes};
 use splatseg_render::Balls;
 use std::hint::black_box;
@@ -70,7 +71,7 @@ fn files(criterion: &mut Criterion) {
             sightings: vec![9; 40],
             carried: vec![true; 40],
             frames: 300,
-            saved_state: vec![],
+            saved_state: StateBlock::default(),
         };
         group.bench_function(format!("save_{kind}"), |bencher| {
             bencher.iter(|| file.save(&path).expect("the file can be written"));

@@ -11,15 +11,15 @@ use std::collections::{BTreeMap, BTreeSet};
 /// objects in a room.
 const MAX_LISTED_IDS: usize = 1024;
 
-/// Beyond this number of pairs, the ids with the most partners become crowded. They take up to 9 MB in a saved map. All
+/// Beyond this number of pairs, the ids with the most partners become crowded. They take up to 8 MB in a saved map. All
 /// pairs of a frame with [`MAX_LISTED_IDS`] fit.
 const MAX_PAIRS: usize = 1 << 20;
 
 /// What is left then, so that this is not done for every frame.
 const KEPT_PAIRS: usize = MAX_PAIRS / 16 * 15;
 
-/// Saved form of [`CoVisibleIds`]: for each id the larger ones, and the crowded ids.
-pub(crate) type SavedPairs = (Vec<(SegmentId, Vec<SegmentId>)>, Vec<SegmentId>);
+/// Saved form of [`CoVisibleIds`]: the pairs, the smaller id first, and the crowded ids.
+pub(crate) type SavedPairs = (Vec<[SegmentId; 2]>, Vec<SegmentId>);
 
 /// Pairs of ids that were shown side by side in one frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -81,18 +81,15 @@ impl CoVisibleIds {
 
     /// The pairs to be saved.
     pub fn saved(&self) -> SavedPairs {
-        let larger = self.larger.iter().map(|(id, larger)| (*id, larger.iter().copied().collect())).collect();
-        (larger, self.crowded.iter().copied().collect())
+        let pairs = self.larger.iter().flat_map(|(id, larger)| larger.iter().map(|other| [*id, *other]));
+        (pairs.collect(), self.crowded.iter().copied().collect())
     }
 
     /// Restores [`Self::saved`]. Files of earlier versions may have more pairs than are kept.
-    pub fn restored((larger, crowded): SavedPairs) -> Self {
+    pub fn restored((pairs, crowded): SavedPairs) -> Self {
         let mut restored = Self { crowded: crowded.into_iter().collect(), ..Self::default() };
-        for (id, larger) in larger {
-            if !restored.crowded.contains(&id) {
-                restored.larger.entry(id).or_default();
-            }
-            restored.add(larger.into_iter().map(|other| (id, other)));
+        for of_one_id in pairs.chunk_by(|[one, _], [other, _]| one == other) {
+            restored.add(of_one_id.iter().map(|[one, other]| (*one, *other)));
             restored.keep_bounded();
         }
         restored
@@ -121,7 +118,7 @@ impl CoVisibleIds {
             } else {
                 larger.retain(|other| !ids.contains(other));
             }
-            !ids.contains(id)
+            !ids.contains(id) && !larger.is_empty()
         });
         self.pairs = self.larger.values().map(BTreeSet::len).sum();
     }
@@ -212,17 +209,17 @@ mod tests {
             let ends = [(0, 1), (0, 999), (3, 700), (999, 1000)];
             assert!(ends.iter().all(|(one, other)| together.contains(ids[*one], ids[*other])), "frame {number}");
         }
-        assert!(together.crowded.len() < 3000 && together.saved().0.len() > 500, "{}", together.crowded.len());
+        assert!(together.crowded.len() < 3000 && together.larger.len() > 500, "{}", together.crowded.len());
     }
 
     #[test]
     fn the_pairs_of_older_files_are_bounded_too() {
-        let all: Vec<(SegmentId, Vec<SegmentId>)> = (1..2000).map(|id| (id, (id + 1..=2000).collect())).collect();
+        let all = (1..2000).flat_map(|id| (id + 1..=2000).map(move |other| [id, other])).collect();
         let restored = CoVisibleIds::restored((all, Vec::new()));
         assert!(restored.pairs <= MAX_PAIRS && restored.contains(1, 2000) && restored.contains(1200, 1300));
         assert!(!restored.contains(2001, 2002));
         // Damaged ones, too.
-        let restored = CoVisibleIds::restored((vec![(5, vec![5, 3, 3])], vec![8]));
+        let restored = CoVisibleIds::restored((vec![[5, 5], [5, 3], [5, 3]], vec![8]));
         assert!(restored.contains(3, 5) && restored.contains(8, 9) && restored.pairs == 1);
     }
 }

@@ -20,6 +20,7 @@ mod kind_definitions;
 mod map;
 mod memory_kind;
 mod memory_rules;
+mod old_saved_state;
 mod origin;
 mod persistence;
 mod ply;

@@ -7,10 +7,12 @@ use crate::segments::{SavedSegment, Segments};
 use crate::{
     LoadMemoryError, MemoryError, MemorySettings, SavedStore, SplatFile, SplatFileError, SplatFileView, SplatMemory,
 };
+use splatseg_files::StateBlock;
 use splatseg_geometry::{SegmentId, SurfaceKind};
 use std::path::Path;
 
-/// State of other parts of a pipeline about a map, saved with it: UTF-8 text that only they can read.
+/// State of other parts of a pipeline about a map, saved with it: bytes of a [`StateBlock`] each, whose arrays only they
+/// can read.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Attached<'a> {
     /// The camera's keyframes; [`SplatMemory::take_keyframes`] returns them after loading.
@@ -26,8 +28,8 @@ impl SplatMemory {
     /// itself.
     ///
     /// # Errors
-    /// If the file cannot be written, the kind of memory has no file format, or a part is larger than [`Self::load`] reads.
-    /// No partial file is left.
+    /// If the file cannot be written, the kind of memory has no file format, a part is larger than [`Self::load`] reads, or
+    /// something attached is no [`StateBlock`]. No partial file is left.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
         self.save_with(path, Attached::default())
     }
@@ -39,6 +41,10 @@ impl SplatMemory {
     pub fn save_with(&self, path: impl AsRef<Path>, attached: Attached<'_>) -> Result<(), SplatFileError> {
         let no_format = || SplatFileError::NoFormat { path: path.as_ref().to_owned() };
         let content = self.store.content().ok_or_else(no_format)?;
+        let attached_block = |bytes: Option<&[u8]>| {
+            let block = bytes.map_or(Ok(StateBlock::default()), StateBlock::from_bytes);
+            block.map_err(|error| SplatFileError::State { path: path.as_ref().to_owned(), found: error.to_string() })
+        };
         let segment_ids = self.store.segment_ids();
         let live = self.segments.saved_live();
         let ids: Vec<SegmentId> = live.iter().map(|segment| segment.id).collect();
@@ -53,11 +59,11 @@ impl SplatMemory {
             surfaces: if is_observed { Vec::new() } else { runs(&self.map.surfaces) },
             together,
             crowded,
-            remapped: self.remapped.iter().map(|(from, into)| (*from, *into)).collect(),
-            keyframes: text(attached.keyframes),
-            names: text(attached.names),
+            remapped: self.remapped.iter().map(|(from, into)| [*from, *into]).collect(),
+            keyframes: attached_block(attached.keyframes)?,
+            names: attached_block(attached.names)?,
         };
-        let saved_state = saved_state.to_bytes();
+        let saved_state = saved_state.into_block();
         let view = SplatFileView {
             origin: self.origin,
             map: &self.map,
@@ -86,13 +92,16 @@ impl SplatMemory {
         let live: Vec<SavedSegment> =
             live.map(|((id, sightings), carried)| SavedSegment { id, sightings, carried }).collect();
         let largest_id = settings.kind.rules(&settings).largest_id;
-        let restored = SavedState::from_bytes(&saved_state).and_then(|saved| {
+        let saved = SavedState::from_block(saved_state).map_err(|error| error.to_string());
+        let restored = saved.and_then(|saved| {
             let segments = Segments::restored(&live, saved.ids.clone(), largest_id)?;
             let recent = RecentFrames::restored(saved.recent, segments.highest())?;
             map.anchors = restored_runs("keyframes", &saved.anchors, map.len(), 0)?;
             map.surfaces = restored_runs("surfaces", &saved.surfaces, map.len(), SurfaceKind::Observed)?;
             let together = CoVisibleIds::restored((saved.together, saved.crowded));
-            Ok((segments, recent, together, saved.remapped, (saved.keyframes, saved.names)))
+            let bytes = |block: StateBlock| (!block.is_empty()).then(|| block.to_bytes()).transpose();
+            let attached = bytes(saved.keyframes).and_then(|keyframes| Ok((keyframes, bytes(saved.names)?)));
+            Ok((segments, recent, together, saved.remapped, attached.map_err(|error| error.to_string())?))
         });
         let damaged = |found| LoadMemoryError::SavedState { path: path.display().to_string(), found };
         let (segments, recent, together, remapped, (keyframes, names)) = restored.map_err(damaged)?;
@@ -101,23 +110,18 @@ impl SplatMemory {
         let mut memory = Self::with_parts(settings, map, store, segments);
         (memory.frames, memory.origin) = (frames, origin);
         (memory.recent, memory.co_visible) = (recent, together);
-        memory.remapped = remapped.into_iter().collect();
-        memory.keyframes = (!keyframes.is_empty()).then(|| keyframes.into_bytes());
-        memory.names = (!names.is_empty()).then(|| names.into_bytes());
+        memory.remapped = remapped.into_iter().map(|[from, into]| (from, into)).collect();
+        (memory.keyframes, memory.names) = (keyframes, names);
         Ok(memory)
     }
 
-    /// The camera's keyframes that a loaded file contains; `None` if there are none, or they were taken already.
+    /// The camera's keyframes that a loaded file contains, bytes of a [`StateBlock`]; `None` if there are none, or they were taken already.
     pub fn take_keyframes(&mut self) -> Option<Vec<u8>> {
         self.keyframes.take()
     }
 
-    /// The names of objects that a loaded file contains; `None` if there are none, or they were taken already.
+    /// The names of objects that a loaded file contains, bytes of a [`StateBlock`]; `None` if there are none, or they were taken already.
     pub fn take_names(&mut self) -> Option<Vec<u8>> {
         self.names.take()
     }
-}
-
-fn text(bytes: Option<&[u8]>) -> String {
-    bytes.map_or_else(String::new, |bytes| String::from_utf8_lossy(bytes).into_owned())
 }

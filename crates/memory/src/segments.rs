@@ -6,7 +6,6 @@ mod tests;
 
 use released::ReleasedIds;
 pub(crate) use released::SavedRelease;
-use serde::{Deserialize, Serialize};
 use splatseg_geometry::{MAX_16_BIT_ID, MAX_SEGMENT_ID, RemappedId, SegmentId, SegmentMap};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -66,12 +65,12 @@ pub(crate) struct SavedSegment {
 }
 
 /// Saved state of the ids that are not live.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct SavedIds {
     /// Number of ids given out by counting.
-    given: u64,
+    pub given: u64,
     /// In the order in which they are reused.
-    released: Vec<SavedRelease>,
+    pub released: Vec<SavedRelease>,
 }
 
 /// Ids that the memory has lost.

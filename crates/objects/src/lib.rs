@@ -9,6 +9,7 @@ mod kept_views;
 mod list;
 mod names;
 mod object_view;
+mod old_names;
 mod remap_log;
 mod seen;
 mod shape;

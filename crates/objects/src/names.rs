@@ -1,8 +1,17 @@
 //! Names of objects: a label and an embedding each.
+//!
+//! They are saved with a map as arrays whose names begin with `names`:
+//!
+//! | Array | Type | |
+//! |---|---|---|
+//! | `id` | `u32 [n]` | the named objects, in increasing order |
+//! | `score` | `f64 [n]` | of the view from which each was named |
+//! | `labels.json` | text | a list of `n` texts, `null` for none |
+//! | `embedding_id` | `u32 [m]` | the objects that have an embedding, in the same order |
+//! | `embedding` | `f32 [m, d]` | their embeddings |
 
-use base64::Engine;
-use base64::engine::general_purpose::STANDARD as BASE64;
-use serde::{Deserialize, Serialize};
+use crate::old_names;
+use splatseg_files::{StateBlock, StateError};
 use splatseg_geometry::{RemappedId, SegmentId};
 use std::collections::{BTreeMap, BTreeSet};
 use thiserror::Error;
@@ -73,18 +82,6 @@ pub struct ObjectNames {
 struct Named {
     name: ObjectName,
     /// Score of the view that it was named from.
-    score: f64,
-}
-
-/// A name in a file.
-#[derive(Serialize, Deserialize)]
-struct SavedName {
-    id: SegmentId,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    label: Option<String>,
-    /// Little-endian `f32`s in Base64.
-    #[serde(default, skip_serializing_if = "String::is_empty")]
-    embedding: String,
     score: f64,
 }
 
@@ -245,23 +242,35 @@ impl ObjectNames {
         self.labels().filter(|(_, label)| label.to_lowercase().contains(&text)).map(|(id, _)| id).collect()
     }
 
-    /// The names as UTF-8 text, for a file.
+    /// The names as bytes of a [`StateBlock`], to be saved with a map.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let saved = |(id, Named { name, score }): (&SegmentId, &Named)| {
-            let numbers: Vec<u8> = name.embedding.iter().flat_map(|number| number.to_le_bytes()).collect();
-            SavedName { id: *id, label: name.label.clone(), embedding: BASE64.encode(numbers), score: *score }
-        };
-        // Numbers and texts can always be written.
-        serde_json::to_vec(&self.names.iter().map(saved).collect::<Vec<_>>()).unwrap_or_default()
+        let mut block = StateBlock::default();
+        let all = || self.names.iter();
+        let embedded = || all().filter(|(_, named)| !named.name.embedding.is_empty());
+        block.put("id", &[], all().map(|(id, _)| *id));
+        block.put("score", &[], all().map(|(_, named)| named.score));
+        block.put_json("labels.json", &all().map(|(_, named)| named.name.label.as_deref()).collect::<Vec<_>>());
+        if let Some(dimension) = self.dimension {
+            block.put("embedding_id", &[], embedded().map(|(id, _)| *id));
+            block.put(
+                "embedding",
+                &[dimension],
+                embedded().flat_map(|(_, named)| named.name.embedding.iter().copied()),
+            );
+        }
+        // The header of five arrays is never too long.
+        block.to_bytes().unwrap_or_default()
     }
 
-    /// The names from the text of a file.
+    /// The names from the bytes of a saved map.
     ///
     /// # Errors
     /// [`NameError::Damaged`], or what [`Self::set`] refuses.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, NameError> {
-        let saved: Vec<SavedName> =
-            serde_json::from_slice(bytes).map_err(|error| NameError::Damaged(error.to_string()))?;
+        let damaged = |error: StateError| NameError::Damaged(error.to_string());
+        let block = StateBlock::from_bytes(bytes).map_err(damaged)?;
+        let text: Vec<u8> = block.get(StateBlock::OLD_TEXT, &[]).map_err(damaged)?;
+        let saved = if text.is_empty() { saved_names(&block).map_err(damaged)? } else { old_names::converted(&text)? };
         let mut names = Self::default();
         for SavedName { id, label, embedding, score } in saved {
             let wrong = |problem: &str| NameError::Damaged(format!("object {id} {problem}"));
@@ -271,16 +280,45 @@ impl ObjectNames {
             if !(score.is_finite() && score >= 0.0) {
                 return Err(wrong("has a view with an impossible score"));
             }
-            let numbers = BASE64.decode(embedding).map_err(|_| wrong("has an embedding that is not Base64"))?;
-            let (numbers, rest) = numbers.as_chunks();
-            if !rest.is_empty() {
-                return Err(wrong("has half a number in its embedding"));
-            }
-            let embedding = numbers.iter().map(|number| f32::from_le_bytes(*number)).collect();
             names.set(id, ObjectName { label, embedding }, score)?;
         }
         Ok(names)
     }
+}
+
+/// A name in a file.
+pub(crate) struct SavedName {
+    pub(crate) id: SegmentId,
+    pub(crate) label: Option<String>,
+    pub(crate) embedding: Vec<f32>,
+    pub(crate) score: f64,
+}
+
+/// The names in the arrays of a file.
+fn saved_names(block: &StateBlock) -> Result<Vec<SavedName>, StateError> {
+    let ids: Vec<SegmentId> = block.get("id", &[])?;
+    let scores: Vec<f64> = block.get_rows("score", ids.len(), &[])?;
+    let labels: Vec<Option<String>> = block.get_json("labels.json")?.unwrap_or_default();
+    let embedding_ids: Vec<SegmentId> = block.get("embedding_id", &[])?;
+    let (dimension, numbers): (usize, Vec<f32>) = block.get_matrix("embedding")?;
+    let unequal = |name: &str, found: usize, expected: usize| StateError::Array {
+        name: name.to_owned(),
+        found: format!("{found} entries"),
+        expected: expected.to_string(),
+    };
+    if labels.len() != ids.len() {
+        return Err(unequal("labels.json", labels.len(), ids.len()));
+    }
+    let embeddings = numbers.chunks_exact(dimension.max(1));
+    if embeddings.len() != embedding_ids.len() {
+        return Err(unequal("embedding", embeddings.len(), embedding_ids.len()));
+    }
+    let of_id: BTreeMap<SegmentId, &[f32]> = embedding_ids.into_iter().zip(embeddings).collect();
+    let name = |((id, score), label)| {
+        let embedding = of_id.get(&id).map_or_else(Vec::new, |embedding| embedding.to_vec());
+        SavedName { id, label, embedding, score }
+    };
+    Ok(ids.into_iter().zip(scores).zip(labels).map(name).collect())
 }
 
 fn check_finite(embedding: &[f32]) -> Result<(), NameError> {

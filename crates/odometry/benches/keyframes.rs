@@ -8,6 +8,7 @@ use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use glam::DVec3;
 use serde_json::{Value, json};
 use splatseg_dataset::{DatasetSettings, Scene, open_scene};
+use splatseg_files::StateBlock;
 use splatseg_geometry::{CameraFrame, Pose};
 use splatseg_odometry::{PoseInput, PoseMode, PoseSource, PoseState, StateScope, TrackedPoses};
 use std::sync::Arc;
@@ -65,28 +66,35 @@ fn lost(keyframes: &[u8]) -> TrackedPoses {
 /// The same camera in a map that has drifted. A search among the neighbours of a keyframe of the second round is due if
 /// `is_due`: it closes the loop.
 fn drifted(poses: &TrackedPoses, is_due: bool) -> TrackedPoses {
-    let mut state: Value =
-        serde_json::from_slice(&poses.save(StateScope::Run).expect("there is a state")).expect("it is JSON");
-    let map = &mut state["map"];
+    let saved = poses.save(StateScope::Run).expect("there is a state");
+    let mut state = StateBlock::from_bytes(&saved).expect("it has just been written");
+    let mut map = state.take_block("keyframes");
+    let mut numbers: Vec<f64> = map.get("world_from_camera", &[4, 4]).expect("poses");
     let mut moved: Vec<Pose> = Vec::new();
-    for keyframe in map["keyframes"].as_array_mut().expect("a list").iter_mut().take(KEYFRAMES) {
-        let pose: Pose = serde_json::from_value(keyframe["world_from_key"].take()).expect("a pose");
-        moved.push(Pose::from_translation(DVec3::X * (DRIFT * moved.len() as f64)) * pose);
-        keyframe["world_from_key"] = json!(moved.last());
+    for pose in numbers.as_chunks_mut::<16>().0.iter_mut().take(KEYFRAMES) {
+        let shift = Pose::from_translation(DVec3::X * (DRIFT * moved.len() as f64));
+        moved.push(shift * Pose::from_saved_row_major(*pose).expect("a pose"));
+        *pose = moved[moved.len() - 1].to_row_major();
     }
-    let weight = |k: usize| if k < 3 { 4e4 } else { 1e5 };
-    let information: [[f64; 6]; 6] =
-        std::array::from_fn(|row| std::array::from_fn(|column| if row == column { weight(row) } else { 0.0 }));
-    let edge = |from: usize, to: usize| {
-        let kind = if to - from == 1 { "tracked" } else { "loop" };
-        let measured = moved[from].inverse() * moved[to];
-        json!({"from": from, "to": to, "measured": measured, "information": information, "kind": kind})
+    map.put("world_from_camera", &[4, 4], numbers);
+    let pairs: Vec<(usize, usize)> =
+        (1..KEYFRAMES).flat_map(|to| (to.saturating_sub(LINKS)..to).map(move |from| (from, to))).collect();
+    map.put("edges", &[2], pairs.iter().flat_map(|(from, to)| [*from as u32, *to as u32]));
+    let measured = |(from, to): &(usize, usize)| (moved[*from].inverse() * moved[*to]).to_row_major();
+    map.put("edge_pose", &[4, 4], pairs.iter().flat_map(measured));
+    let weight = |place: usize| match (place / 6, place % 6) {
+        (row, column) if row != column => 0.0,
+        (0..3, _) => 4e4,
+        _ => 1e5,
     };
-    let edges = (1..KEYFRAMES).flat_map(|to| (to.saturating_sub(LINKS)..to).map(move |from| (from, to)));
-    map["edges"] = edges.map(|(from, to)| edge(from, to)).collect();
-    map["checks"] = if is_due { json!([{"neighbours": KEYFRAMES - 5}]) } else { json!([]) };
+    map.put("edge_information", &[6, 6], pairs.iter().flat_map(|_| (0..36).map(weight)));
+    map.put("edge_kind", &[], pairs.iter().map(|(from, to)| u8::from(to - from > 1)));
+    let mut searches: Value = map.get_json("state.json").expect("JSON").expect("searches");
+    searches["checks"] = if is_due { json!([{"neighbours": KEYFRAMES - 5}]) } else { json!([]) };
+    map.put_json("state.json", &searches);
+    state.put_block("keyframes", map);
     let mut poses = TrackedPoses::new(PoseMode::Track);
-    let state = serde_json::to_vec(&state).expect("it was JSON");
+    let state = state.to_bytes().expect("it is no larger");
     poses.restore(StateScope::Run, &state).expect("it was a state");
     poses
 }

@@ -4,7 +4,7 @@ use crate::graph::{Edge, EdgeKind, PoseGraph, information};
 use crate::keyframes::{KeyframeStore, StoredKeyframe, apart};
 use crate::loops::{ClosedLoop, LoopCandidate, LoopCheck};
 use crate::odometry::MadeKeyframe;
-use crate::pyramid::Pyramid;
+use crate::tracked_frame::TrackedFrame;
 use splatseg_geometry::{FrameAnchor, KeyframeId, MapCorrection, Pose};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -83,8 +83,8 @@ impl KeyframeMap {
     }
 
     /// Describes a keyframe that was made by tracking.
-    pub(crate) fn described(&self, made: &MadeKeyframe, pyramid: &Pyramid) -> StoredKeyframe {
-        StoredKeyframe::new(made.id, pyramid, made.world_from_key, self.part, self.session)
+    pub(crate) fn described(&self, made: &MadeKeyframe, frame: &TrackedFrame<'_>) -> StoredKeyframe {
+        StoredKeyframe::new(made.id, frame, made.world_from_key, self.part, self.session)
     }
 
     /// True if a frame with a given pose is far enough from the last keyframe to become one.
@@ -96,10 +96,10 @@ impl KeyframeMap {
         })
     }
 
-    /// Adds a keyframe with a given pose.
-    pub(crate) fn add_given(&mut self, pyramid: &Pyramid, pose: &Pose, frame: usize) {
-        let keyframe = StoredKeyframe::new(self.store.next, pyramid, *pose, self.part, self.session);
-        let keyframe = StoredKeyframe { given_frame: Some(frame), ..keyframe };
+    /// Adds a keyframe with a given pose. `index` is that of the frame in its source.
+    pub(crate) fn add_given(&mut self, frame: &TrackedFrame<'_>, pose: &Pose, index: usize) {
+        let keyframe = StoredKeyframe::new(self.store.next, frame, *pose, self.part, self.session);
+        let keyframe = StoredKeyframe { given_frame: Some(index), ..keyframe };
         let last = self.latest.and_then(|latest| self.store.get(latest));
         let edge = last.map(|last| Edge {
             from: last.id,

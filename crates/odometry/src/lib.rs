@@ -11,7 +11,7 @@
 //! | `pose_event.rs` | what else is found out: loops, new parts of the map, a camera that was found |
 //! | `input_doubt.rs` | what is conspicuous about the input |
 //! | `odometry.rs` | a frame in, its pose out; choice of keyframes; loss and return |
-//! | `pyramid.rs` | a frame at several resolutions |
+//! | `tracked_frame.rs`, `pyramid.rs` | a frame at several resolutions |
 //! | `reference.rs` | the points of a keyframe, with planes and image gradients |
 //! | `alignment.rs`, `sums.rs`, `linear.rs` | residuals, weights and the system |
 //! | `prior.rs` | the motion model |
@@ -27,6 +27,8 @@
 //! | `keyframe_map.rs`, `loops.rs`, `loop_closing.rs`, `graph/` | relative poses of keyframes, loops, the correction of all poses |
 //! | `se3.rs` | rigid motions as six numbers |
 //! | `saved.rs`, `saved_keyframes.rs` | the state of a run that is resumed; keyframes saved with a map |
+//! | `old_keyframes.rs` | keyframes in maps of an earlier version |
+//! | `read_keyframes.rs` | whether keyframes from a file belong together |
 
 mod alignment;
 mod graph;
@@ -42,12 +44,14 @@ mod lost;
 mod motion_test;
 mod movers;
 mod odometry;
+mod old_keyframes;
 mod plausibility;
 mod pose_event;
 mod pose_source;
 mod pose_state;
 mod prior;
 mod pyramid;
+mod read_keyframes;
 mod reference;
 mod relocalisation;
 mod relocaliser;
@@ -57,6 +61,7 @@ mod se3;
 mod search;
 mod segment_runs;
 mod sums;
+mod tracked_frame;
 mod tracked_poses;
 mod tracked_source;
 

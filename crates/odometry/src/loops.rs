@@ -16,7 +16,6 @@ pub(crate) enum LoopCheck {
 
 /// A place that was recognised once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub(crate) struct LoopCandidate {
     pub(crate) edge: Edge,
     /// The motion that would bring the newer keyframe to its recognised place.
@@ -25,7 +24,6 @@ pub(crate) struct LoopCandidate {
 
 /// A loop that has been closed. The map is corrected in another frame than it was found, so that no frame takes long.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub(crate) struct ClosedLoop {
     /// Pairs of an earlier keyframe and a later one, the latest last.
     pub(crate) joined: Vec<(KeyframeId, KeyframeId)>,

@@ -4,8 +4,8 @@ use crate::graph::Edge;
 use crate::keyframe_map::KeyframeMap;
 use crate::keyframes::{StoredKeyframe, apart};
 use crate::loop_closing::edge;
-use crate::odometry::TrackedFrame;
 use crate::relocalisation::{MIN_INLIERS_LOST, Query, Recognised};
+use crate::tracked_frame::TrackedFrame;
 use crate::{CameraPose, Odometry, PoseState};
 use splatseg_geometry::Pose;
 use std::time::Duration;
@@ -28,7 +28,7 @@ const FRAME_TIME: f64 = 1.0 / 30.0;
 
 /// The search for a lost camera.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Lost {
+pub(crate) struct LostCamera {
     /// Tracking from a place that was recognised once.
     pub(crate) probation: Option<Probation>,
     /// Frames with a view since the camera was lost.
@@ -58,10 +58,10 @@ pub(crate) enum Search {
     NewPart,
 }
 
-impl Lost {
+impl LostCamera {
     /// Searches for the place of a frame. `last` is the last known pose, if it belongs to the map; `keyframes` receives
     /// the keyframes on the way.
-    pub(crate) fn search(&mut self, map: &mut KeyframeMap, frame: &TrackedFrame, last: Option<&Pose>) -> Search {
+    pub(crate) fn search(&mut self, map: &mut KeyframeMap, frame: &TrackedFrame<'_>, last: Option<&Pose>) -> Search {
         self.frames += 1;
         let query = Query::new(&frame.pyramid);
         if !query.has_view() {
@@ -123,18 +123,18 @@ fn is_same(place: &Recognised, pose: &CameraPose) -> bool {
 }
 
 impl Probation {
-    fn start(map: &KeyframeMap, frame: &TrackedFrame, place: &Recognised) -> Option<Self> {
+    fn start(map: &KeyframeMap, frame: &TrackedFrame<'_>, place: &Recognised) -> Option<Self> {
         let mut odometry = Odometry { next_keyframe: map.store.next, ..Odometry::new() };
         odometry.set_frame(frame, &place.world_from_camera);
         let made = odometry.made.take()?;
         let part = map.store.get(place.keyframe)?.part;
-        let keyframe = StoredKeyframe::new(made.id, &frame.pyramid, made.world_from_key, part, map.session);
+        let keyframe = StoredKeyframe::new(made.id, frame, made.world_from_key, part, map.session);
         let edge = edge(place, made.id);
         Some(Self { odometry, keyframes: vec![(keyframe, Some(edge))], frames: 0 })
     }
 
     /// Tracks the next frame. `None` if that fails.
-    fn tracked(mut self, map: &KeyframeMap, frame: &TrackedFrame) -> Option<(Self, CameraPose)> {
+    fn tracked(mut self, map: &KeyframeMap, frame: &TrackedFrame<'_>) -> Option<(Self, CameraPose)> {
         let pose = self.odometry.track_frame(frame, &Pose::IDENTITY, None);
         if pose.state != PoseState::Tracked {
             return None;
@@ -142,7 +142,7 @@ impl Probation {
         self.frames += 1;
         if let Some(made) = self.odometry.made.take() {
             let part = self.keyframes.first()?.0.part;
-            let keyframe = StoredKeyframe::new(made.id, &frame.pyramid, made.world_from_key, part, map.session);
+            let keyframe = StoredKeyframe::new(made.id, frame, made.world_from_key, part, map.session);
             self.keyframes.push((keyframe, made.link));
         }
         Some((self, pose))

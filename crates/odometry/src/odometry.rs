@@ -9,6 +9,7 @@ use crate::prior::{LastFrame, MAX_ERROR, MotionPrior};
 use crate::pyramid::{GreyFrame, Pyramid};
 use crate::se3;
 use crate::segment_runs::SegmentRuns;
+use crate::tracked_frame::TrackedFrame;
 use crate::{CameraPose, InputDoubt, PoseQuality, PoseState};
 use splatseg_geometry::{CameraFrame, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
 use std::collections::VecDeque;
@@ -69,21 +70,6 @@ pub(crate) struct MadeKeyframe {
     pub(crate) link: Option<Edge>,
 }
 
-/// A frame to track.
-pub(crate) struct TrackedFrame {
-    pub(crate) grey: GreyFrame,
-    pub(crate) pyramid: Pyramid,
-    pub(crate) timestamp: Option<Duration>,
-}
-
-impl TrackedFrame {
-    pub(crate) fn new(frame: &CameraFrame<'_>) -> Self {
-        let grey = GreyFrame::new(frame);
-        let pyramid = Pyramid::new(&grey);
-        Self { grey, pyramid, timestamp: frame.timestamp() }
-    }
-}
-
 impl Odometry {
     /// Creates odometry that has seen no frame.
     pub fn new() -> Self {
@@ -99,8 +85,13 @@ impl Odometry {
     }
 
     /// As [`Self::track`].
-    pub(crate) fn track_frame(&mut self, frame: &TrackedFrame, initial: &Pose, motion: Option<&Pose>) -> CameraPose {
-        let TrackedFrame { grey, pyramid, timestamp } = frame;
+    pub(crate) fn track_frame(
+        &mut self,
+        frame: &TrackedFrame<'_>,
+        initial: &Pose,
+        motion: Option<&Pose>,
+    ) -> CameraPose {
+        let TrackedFrame { grey, pyramid, timestamp, .. } = frame;
         self.made = None;
         let has_size = self.keyframes.back().is_some_and(|keyframe| keyframe.frame.intrinsics == grey.intrinsics);
         let (Some(last), true) = (self.last, has_size) else {
@@ -130,7 +121,7 @@ impl Odometry {
     }
 
     /// As [`Self::set`].
-    pub(crate) fn set_frame(&mut self, frame: &TrackedFrame, world_from_camera: &Pose) {
+    pub(crate) fn set_frame(&mut self, frame: &TrackedFrame<'_>, world_from_camera: &Pose) {
         let (movers, focal, next_keyframe) = (std::mem::take(&mut self.movers), self.focal, self.next_keyframe);
         *self = Self { movers, focal, next_keyframe, ..Self::default() };
         self.start(&frame.grey, &frame.pyramid, world_from_camera, frame.timestamp);

@@ -31,8 +31,8 @@ pub trait PoseSource: Send {
         Vec::new()
     }
 
-    /// Returns the state after the latest frame as bytes, for [`Self::restore`] of another source with the same
-    /// settings. `None` if there is nothing to save.
+    /// Returns the state after the latest frame as bytes of a [`StateBlock`](splatseg_files::StateBlock), for
+    /// [`Self::restore`] of another source with the same settings. `None` if there is nothing to save.
     fn save(&self, _scope: StateScope) -> Option<Vec<u8>> {
         None
     }

@@ -3,9 +3,9 @@
 use crate::PoseSourceError;
 use crate::keyframes::KeyframeStore;
 use crate::keyframes::apart;
-use crate::odometry::TrackedFrame;
 use crate::relocalisation::{MIN_INLIERS_LOST, Query};
 use crate::saved_keyframes::parsed;
+use crate::tracked_frame::TrackedFrame;
 use splatseg_geometry::{CameraFrame, KeyframeId, Pose};
 
 /// Seed of the random draws. All frames have the same, so that none depends on the others.

@@ -1,15 +1,23 @@
 //! Segments of a keyframe, in little memory.
 
-use serde::{Deserialize, Serialize};
 use splatseg_geometry::{RemappedId, SegmentId, SegmentMap};
 
 /// A segment map as runs of pixels with the same id, row-major: id and length.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SegmentRuns(Vec<(SegmentId, u32)>);
 
 impl SegmentRuns {
     pub(crate) fn new(segments: &SegmentMap) -> Self {
         Self(segments.pixels().chunk_by(|one, other| one == other).map(|run| (run[0], run.len() as u32)).collect())
+    }
+
+    pub(crate) fn from_runs(runs: Vec<(SegmentId, u32)>) -> Self {
+        Self(runs)
+    }
+
+    /// Id and length of each run.
+    pub(crate) fn runs(&self) -> &[(SegmentId, u32)] {
+        &self.0
     }
 
     /// Number of pixels.

@@ -2,9 +2,9 @@
 
 use crate::input_checks::InputChecks;
 use crate::keyframe_map::KeyframeMap;
-use crate::lost::{Lost, Search};
-use crate::odometry::TrackedFrame;
+use crate::lost::{LostCamera, Search};
 use crate::plausibility::ImageUse;
+use crate::tracked_frame::TrackedFrame;
 use crate::{CameraPose, Odometry, PoseEvent, PoseState};
 use splatseg_geometry::{CameraFrame, FrameAnchor, MapCorrection, Pose, PoseFormat};
 use splatseg_settings::choices;
@@ -35,7 +35,7 @@ pub struct TrackedPoses {
     /// The latest given pose. Only with [`PoseMode::Refine`].
     pub(crate) last_given: Option<Pose>,
     pub(crate) map: KeyframeMap,
-    pub(crate) lost: Lost,
+    pub(crate) lost: LostCamera,
     /// True once a frame came with a pose that was used as it is.
     pub(crate) has_given: bool,
     /// Index of the latest frame in its source.
@@ -57,7 +57,7 @@ impl TrackedPoses {
             bridge_from: None,
             last_given: None,
             map: KeyframeMap::default(),
-            lost: Lost::default(),
+            lost: LostCamera::default(),
             has_given: false,
             index: 0,
             correction: None,
@@ -92,7 +92,7 @@ impl TrackedPoses {
     pub(crate) fn given(&mut self, frame: &CameraFrame<'_>, pose: &Pose) -> CameraPose {
         self.has_given = true;
         if self.map.wants_given(pose) {
-            self.map.add_given(&TrackedFrame::new(frame).pyramid, pose, self.index);
+            self.map.add_given(&TrackedFrame::new(frame), pose, self.index);
         }
         if self.mode == PoseMode::Auto {
             self.bridge_from = Some((frame.clone().into_owned(), *pose));
@@ -158,7 +158,7 @@ impl TrackedPoses {
     }
 
     /// Searches for a camera that is lost.
-    fn search(&mut self, frame: &TrackedFrame, last: Option<&Pose>) -> CameraPose {
+    fn search(&mut self, frame: &TrackedFrame<'_>, last: Option<&Pose>) -> CameraPose {
         let lost = |pose: Option<&Pose>| CameraPose {
             world_from_camera: pose.copied().unwrap_or(Pose::IDENTITY),
             state: PoseState::Lost,
@@ -192,11 +192,11 @@ impl TrackedPoses {
     }
 
     /// Keeps a new keyframe, and searches for loops.
-    fn after_tracking(&mut self, frame: &TrackedFrame, found: CameraPose) -> CameraPose {
+    fn after_tracking(&mut self, frame: &TrackedFrame<'_>, found: CameraPose) -> CameraPose {
         if found.state == PoseState::Lost {
             return found;
         }
-        self.lost = Lost { since: frame.timestamp, ..Lost::default() };
+        self.lost = LostCamera { since: frame.timestamp, ..LostCamera::default() };
         if self.odometry.made.is_some() {
             self.add_made_keyframe(frame);
             if !self.map.is_behind() {
@@ -216,9 +216,9 @@ impl TrackedPoses {
         CameraPose { world_from_camera, ..found }
     }
 
-    fn add_made_keyframe(&mut self, frame: &TrackedFrame) {
+    fn add_made_keyframe(&mut self, frame: &TrackedFrame<'_>) {
         if let Some(made) = self.odometry.made.take() {
-            let keyframe = self.map.described(&made, &frame.pyramid);
+            let keyframe = self.map.described(&made, frame);
             self.map.add_tracked(keyframe, made.link);
         }
     }

@@ -51,7 +51,7 @@ impl PoseSource for TrackedPoses {
             StateScope::Run => {
                 let mut state = self.clone();
                 state.start_bridge();
-                serde_json::to_vec(&SavedPoses::of(&state)).ok()
+                SavedPoses::of(&state).to_bytes()
             }
             StateScope::Map => saved_keyframes::bytes(&self.map),
         }
@@ -60,8 +60,7 @@ impl PoseSource for TrackedPoses {
     fn restore(&mut self, scope: StateScope, state: &[u8]) -> Result<(), PoseSourceError> {
         match scope {
             StateScope::Run => {
-                let saved: SavedPoses =
-                    serde_json::from_slice(state).map_err(|error| PoseSourceError::State(error.to_string()))?;
+                let saved = SavedPoses::from_bytes(state).map_err(PoseSourceError::State)?;
                 saved.restore(self).map_err(PoseSourceError::State)?;
                 self.bridge_from = None;
             }

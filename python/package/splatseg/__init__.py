@@ -29,6 +29,7 @@ from .result import StepResult
 from .sam2 import Sam2, Tracks
 from .scene import Scene, open_scene
 from .segmenters import Affinity, FastSam, Graph, Segmenter
+from .state import read_state
 
 __all__ = [
     "Affinity",
@@ -55,6 +56,7 @@ __all__ = [
     "__version__",
     "evaluate",
     "open_scene",
+    "read_state",
     "rerun",
     "segment_color",
 ]

@@ -1,5 +1,6 @@
 //! Errors reading and writing splat files.
 
+use super::{OLD_VERSION, VERSION};
 use crate::CodebookError;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -60,14 +61,16 @@ pub enum SplatFileError {
         path: PathBuf,
     },
     /// The version of the format is unknown.
-    #[error("{}: version {found:?} of the splatseg memory format, expected {expected}", path.display())]
+    #[error(
+        "{}: version {found:?} of the splatseg memory format, expected {OLD_VERSION} or {VERSION}: another version of \
+         splatseg wrote it",
+        path.display()
+    )]
     Version {
         /// The file.
         path: PathBuf,
         /// The version in the file.
         found: String,
-        /// The supported version.
-        expected: u32,
     },
     /// A header line violates the format.
     #[error("{}: in the header, found {found:?}, expected {expected}", path.display())]
@@ -169,7 +172,15 @@ pub enum SplatFileError {
         /// Maximum length, bytes.
         max: u64,
     },
-    /// The state besides the Gaussians is damaged.
+    /// The state besides the Gaussians cannot be read or written.
+    #[error("{}: invalid state besides the Gaussians: {found}", path.display())]
+    State {
+        /// The file.
+        path: PathBuf,
+        /// The problem.
+        found: String,
+    },
+    /// A part of the state besides the Gaussians is damaged.
     #[error("invalid state besides the Gaussians: {found}")]
     DamagedSavedState {
         /// The problem.

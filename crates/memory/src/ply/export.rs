@@ -85,7 +85,7 @@ impl SplatFile {
     /// were observed.
     ///
     /// # Errors
-    /// If the text in `saved_state`, which contains it, is damaged.
+    /// If the array in `saved_state` that contains it is damaged.
     pub fn surfaces(&self) -> Result<Vec<SurfaceKind>, SplatFileError> {
         saved_surfaces(&self.saved_state, self.map.len()).map_err(|found| SplatFileError::DamagedSavedState { found })
     }

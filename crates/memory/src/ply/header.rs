@@ -1,8 +1,8 @@
 //! The header: text at the beginning of the file.
 
-use super::VERSION;
 use super::error::SplatFileError;
 use super::layout::{Layout, Sizes};
+use super::{OLD_VERSION, VERSION};
 use glam::DVec3;
 use splatseg_geometry::Pose;
 use std::fmt::Write;
@@ -51,7 +51,7 @@ fn format(sizes: &Sizes, origin: DVec3) -> String {
     if let Layout::Features { feature_dim, codes } = sizes.layout {
         let _ = write!(text, "feature_dim {feature_dim} codes {codes} ");
     }
-    let _ = writeln!(text, "segments {segments} short_term {}", sizes.saved_state);
+    let _ = writeln!(text, "segments {segments} {} {}", size_word(VERSION), sizes.saved_state);
     text.push_str(&origin_comment(origin));
     let _ = writeln!(text, "element vertex {}", sizes.gaussians);
     for (kind, name) in sizes.layout.properties() {
@@ -97,33 +97,37 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
     let Some(announced) = announced else {
         return Err(SplatFileError::NotAMemory { path: path.to_owned() });
     };
-    let (layout, segments, saved_state) = read_announcement(announced, path)?;
+    let announced = read_announcement(announced, path)?;
     let origin = read_origin(&lines, path)?;
     let mut body = lines.into_iter().filter(|line| !line.starts_with("comment ") && !line.starts_with("format "));
     let element = body.next().unwrap_or_default();
     let Some(Ok(gaussians)) = element.strip_prefix("element vertex ").map(str::parse) else {
         return Err(header_error(path, element, "element vertex and a count"));
     };
-    let properties = layout.properties().map(|(kind, name)| format!("property {kind} {name}"));
+    let properties = announced.layout.properties().map(|(kind, name)| format!("property {kind} {name}"));
     for expected in properties.chain(std::iter::once("end_header".to_owned())) {
         let found = body.next().unwrap_or_default();
         if found != expected {
             return Err(header_error(path, found, &format!("{expected:?}")));
         }
     }
-    let sizes = Sizes { gaussians, segments, layout, saved_state };
+    let sizes = Sizes { gaussians, ..announced };
     sizes.check(path)?;
     Ok(Header { sizes, origin, bytes })
 }
 
-/// Parses the rest of the comment "splatseg memory": kind of content, number of segments, and number of bytes of the
-/// short-term state.
-fn read_announcement(announced: &str, path: &Path) -> Result<(Layout, u64, u64), SplatFileError> {
+/// The word before the length of the state in the comment of a version.
+fn size_word(version: u32) -> &'static str {
+    if version == OLD_VERSION { "short_term" } else { "state" }
+}
+
+/// Parses the rest of the comment "splatseg memory": version, kind of content, number of segments, and length of the state
+/// besides the Gaussians. The number of Gaussians is not part of it.
+fn read_announcement(announced: &str, path: &Path) -> Result<Sizes, SplatFileError> {
     let words: Vec<&str> = announced.split(' ').collect();
-    let (version, words) = words.split_first().unwrap_or((&"", &[]));
-    if version.parse() != Ok(VERSION) {
-        return Err(SplatFileError::Version { path: path.to_owned(), found: shown(version), expected: VERSION });
-    }
+    let (number, words) = words.split_first().unwrap_or((&"", &[]));
+    let known = [OLD_VERSION, VERSION].into_iter().find(|known| number.parse() == Ok(*known));
+    let version = known.ok_or_else(|| SplatFileError::Version { path: path.to_owned(), found: shown(number) })?;
     let (words, rest) = words.split_at(words.len().saturating_sub(4));
     let layout = match *words {
         ["kind", "evidence"] => Some(Layout::Evidence),
@@ -133,15 +137,24 @@ fn read_announcement(announced: &str, path: &Path) -> Result<(Layout, u64, u64),
         },
         _ => None,
     };
+    let size_word = size_word(version);
     let counts = match *rest {
-        ["segments", segments, "short_term", saved_state] => segments.parse().ok().zip(saved_state.parse().ok()),
+        ["segments", segments, word, state] if word == size_word => segments.parse().ok().zip(state.parse().ok()),
         _ => None,
     };
-    let read = layout.zip(counts).map(|(layout, (segments, saved_state))| (layout, segments, saved_state));
-    read.ok_or_else(|| {
-        let expected = "version, kind evidence, segments and short_term, or version, kind features, feature_dim, codes, \
-                        segments and short_term";
-        header_error(path, announced, expected)
+    let sizes = layout.zip(counts).map(|(layout, (segments, saved_state))| Sizes {
+        version,
+        gaussians: 0,
+        segments,
+        layout,
+        saved_state,
+    });
+    sizes.ok_or_else(|| {
+        let expected = format!(
+            "version, kind evidence, segments and {size_word}, or version, kind features, feature_dim, codes, segments and \
+             {size_word}"
+        );
+        header_error(path, announced, &expected)
     })
 }
 

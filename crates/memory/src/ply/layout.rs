@@ -1,7 +1,7 @@
 //! Layout of a file: its properties and sizes.
 
 use super::error::SplatFileError;
-use super::{SplatContentView, SplatFileView};
+use super::{SplatContentView, SplatFileView, VERSION};
 use crate::saved_state::MAX_BYTES;
 use crate::{MemoryKind, Votes};
 use splatseg_geometry::MAX_SEGMENT_ID;
@@ -34,13 +34,15 @@ pub enum Layout {
 /// The sizes that determine the length of a file after its header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sizes {
+    /// Version of the format.
+    pub version: u32,
     /// Number of Gaussians.
     pub gaussians: u64,
     /// Number of segment ids in the file's list.
     pub segments: u64,
     /// Kind of content and its sizes.
     pub layout: Layout,
-    /// Bytes of the short-term state.
+    /// Bytes of the state besides the Gaussians.
     pub saved_state: u64,
 }
 
@@ -87,8 +89,8 @@ impl Layout {
 }
 
 impl Sizes {
-    /// Returns the sizes of a memory.
-    pub fn of(view: &SplatFileView<'_>) -> Self {
+    /// Returns the sizes of a memory to be saved, whose state besides the Gaussians has so many bytes.
+    pub fn of(view: &SplatFileView<'_>, saved_state: usize) -> Self {
         let layout = match view.content {
             SplatContentView::Evidence { .. } => Layout::Evidence,
             SplatContentView::Features { codebook, .. } => {
@@ -96,10 +98,11 @@ impl Sizes {
             }
         };
         Self {
+            version: VERSION,
             gaussians: view.map.len() as u64,
             segments: view.ids.len() as u64,
             layout,
-            saved_state: view.saved_state.len() as u64,
+            saved_state: saved_state as u64,
         }
     }
 
@@ -119,7 +122,7 @@ impl Sizes {
 
     /// Describes the content for error messages.
     pub fn description(&self) -> String {
-        let Self { gaussians, segments, layout, saved_state: _ } = self;
+        let Self { gaussians, segments, layout, .. } = self;
         match layout {
             Layout::Evidence => format!("{gaussians} Gaussians with votes and {segments} segments"),
             Layout::Features { feature_dim, codes } => {

@@ -7,7 +7,7 @@
 //! ```text
 //! ply
 //! format binary_little_endian 1.0
-//! comment splatseg memory 4 kind evidence segments 40 short_term 812
+//! comment splatseg memory 5 kind evidence segments 40 state 812
 //! element vertex 120000
 //! property float x, y, z            metres
 //! property float nx, ny, nz         zero
@@ -35,7 +35,7 @@
 //! A memory of features has another comment, and features in place of votes:
 //!
 //! ```text
-//! comment splatseg memory 4 kind features feature_dim 28 codes 512 segments 40 short_term 812
+//! comment splatseg memory 5 kind features feature_dim 28 codes 512 segments 40 state 812
 //! property float feature_0..27
 //! ```
 //!
@@ -45,7 +45,7 @@
 //! | Field | Type | |
 //! |---|---|---|
 //! | mark | `[u8; 8]` | `SPLATSEG` |
-//! | version | `u32` | 4 |
+//! | version | `u32` | 5 |
 //! | kind | `u32` | 0 evidence, 1 features |
 //! | segments | `u32` | as in the comment |
 //! | frames | `u32` | frames learnt |
@@ -57,12 +57,24 @@
 //! | ids | `u32` `[segments]` | the live ids, in increasing order |
 //! | sightings | `u32` `[segments]` | frames in which a prediction had the id |
 //! | carried | `u8` `[segments]` | 1 if the id was carried at the last check, else 0 |
-//! | short term | `u8` `[saved_state]` | state of the memory besides its Gaussians |
+//! | state | `u8` `[state]` | named arrays: a safetensors file, as [`StateBlock`] describes it; no bytes if there are none |
 //! | checksum | `u32` | CRC-32 (zlib's) of every byte of the file before it |
 //!
-//! State that the memory keeps for a few frames is in the text at the end of the block (`saved_state` bytes of JSON, see
-//! `saved_state.rs`), and so is what is known about the place of each Gaussian: `surfaces`, runs of a kind (`observed`,
-//! `continued` or `assumed`) and a length. Without it, all were observed.
+//! The state is what the memory keeps besides its Gaussians (`saved_state.rs` lists its arrays), the camera's keyframes,
+//! and the names of objects. It is the last thing before the checksum, and the header tells its length, so that few
+//! lines of Python read it (`splatseg.read_state` does the same):
+//!
+//! ```python
+//! import re, safetensors.numpy
+//! data = open("map.ply", "rb").read()
+//! length = int(re.search(rb"splatseg memory 5 .* state (\d+)\n", data)[1])
+//! arrays = safetensors.numpy.load(data[len(data) - 4 - length : -4])
+//! print(arrays["keyframes.world_from_camera"])
+//! ```
+//!
+//! What may change without a new version is written at [`StateBlock`]. The version here goes up only if programs that
+//! read 5 would misunderstand the rest of the file. In version 4, `short_term` stands in the comment in place of `state`,
+//! and the state is text. Such files are read, but not written any more.
 //!
 //! The block is not a second PLY element because two browser viewers (antimatter15/splat, gsplat.js) count every
 //! `property` line of the header as part of a vertex. Like PlayCanvas/SuperSplat, GaussianSplats3D and plyfile, they
@@ -91,11 +103,14 @@ pub use saved_settings::{SavedCodes, SavedMemorySettings};
 
 use crate::{Codebook, MemoryKind, SplatMap, Votes};
 use glam::DVec3;
+use splatseg_files::StateBlock;
 use splatseg_geometry::SegmentId;
 use std::path::Path;
 
 /// Version of the format, in the header's comment and in the block after the vertices.
-const VERSION: u32 = 4;
+const VERSION: u32 = 5;
+/// The earlier version that is still read. Its state besides the Gaussians is text.
+const OLD_VERSION: u32 = 4;
 /// Records are read and written in chunks of about this many bytes.
 const CHUNK_BYTES: usize = 1 << 18;
 
@@ -118,8 +133,8 @@ pub struct SplatFile {
     pub carried: Vec<bool>,
     /// Number of frames learnt.
     pub frames: u32,
-    /// State of the memory besides its Gaussians, in the memory's own text format; may be empty.
-    pub saved_state: Vec<u8>,
+    /// State of the memory besides its Gaussians; may be empty. That of an older file is converted when it is loaded.
+    pub saved_state: StateBlock,
 }
 
 /// The segments that Gaussians remember.
@@ -158,8 +173,8 @@ pub struct SplatFileView<'a> {
     pub carried: &'a [bool],
     /// Number of frames learnt.
     pub frames: u32,
-    /// State of the memory besides its Gaussians, in the memory's own text format; may be empty.
-    pub saved_state: &'a [u8],
+    /// State of the memory besides its Gaussians; may be empty.
+    pub saved_state: &'a StateBlock,
 }
 
 /// Borrowed [`SplatContent`].

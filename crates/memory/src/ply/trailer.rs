@@ -3,8 +3,9 @@
 use super::checked_stream::{Input, Output};
 use super::error::SplatFileError;
 use super::layout::{Layout, Sizes};
-use super::{SplatContentView, SplatFileView, VERSION};
-use crate::{Codebook, MemoryKind};
+use super::{OLD_VERSION, SplatContentView, SplatFileView};
+use crate::{Codebook, MemoryKind, old_saved_state};
+use splatseg_files::StateBlock;
 use splatseg_geometry::SegmentId;
 use std::io::Write;
 use std::path::Path;
@@ -41,9 +42,14 @@ fn bytes(sizes: &Sizes) -> u64 {
 }
 
 /// Writes the block up to the checksum.
-pub fn write<W: Write>(view: &SplatFileView<'_>, sizes: &Sizes, output: &mut Output<W>) -> Result<(), SplatFileError> {
+pub fn write<W: Write>(
+    view: &SplatFileView<'_>,
+    sizes: &Sizes,
+    saved_state: &[u8],
+    output: &mut Output<W>,
+) -> Result<(), SplatFileError> {
     output.write(&MAGIC)?;
-    for field in [VERSION, number_of(sizes.layout.kind()), sizes.segments as u32, view.frames] {
+    for field in [sizes.version, number_of(sizes.layout.kind()), sizes.segments as u32, view.frames] {
         output.write(&field.to_le_bytes())?;
     }
     if let SplatContentView::Features { codebook, .. } = view.content {
@@ -57,7 +63,7 @@ pub fn write<W: Write>(view: &SplatFileView<'_>, sizes: &Sizes, output: &mut Out
     output.write_words(view.sightings.iter().map(|count| count.to_le_bytes()))?;
     let carried: Vec<u8> = view.carried.iter().copied().map(u8::from).collect();
     output.write(&carried)?;
-    output.write(view.saved_state)
+    output.write(saved_state)
 }
 
 /// The block as read from a file, before it is checked.
@@ -96,7 +102,7 @@ pub struct Contents {
     /// True for each id that was carried.
     pub carried: Vec<bool>,
     /// State of the memory besides its Gaussians.
-    pub saved_state: Vec<u8>,
+    pub saved_state: StateBlock,
 }
 
 impl Trailer {
@@ -137,7 +143,7 @@ impl Trailer {
     pub fn checked(mut self, sizes: &Sizes, path: &Path) -> Result<Contents, SplatFileError> {
         let text = |magic: &[u8]| format!("{:?}", String::from_utf8_lossy(magic));
         check_field("the mark after the vertices", text(&self.magic), text(&MAGIC), path)?;
-        check_field("the version after the vertices", self.version, VERSION, path)?;
+        check_field("the version after the vertices", self.version, sizes.version, path)?;
         check_field("the kind after the vertices", self.kind, number_of(sizes.layout.kind()), path)?;
         check_field("the number of segments after the vertices", u64::from(self.segments), sizes.segments, path)?;
         let codebook = self.codes.take().map(|codes| codes.checked(sizes, path)).transpose()?;
@@ -146,7 +152,13 @@ impl Trailer {
         }
         check_ids(&self.ids, sizes, path)?;
         let carried = self.carried.into_iter().map(|carried| carried == 1).collect();
-        let Self { frames, ids, sightings, saved_state, .. } = self;
+        let saved_state = match (&self.saved_state[..], sizes.version) {
+            ([], _) => Ok(StateBlock::default()),
+            (text, OLD_VERSION) => old_saved_state::converted(text),
+            (bytes, _) => StateBlock::from_bytes(bytes).map_err(|error| error.to_string()),
+        };
+        let saved_state = saved_state.map_err(|found| SplatFileError::State { path: path.to_owned(), found })?;
+        let Self { frames, ids, sightings, .. } = self;
         Ok(Contents { frames, codebook, ids, sightings, carried, saved_state })
     }
 }

@@ -4,18 +4,28 @@ use super::checked_stream::Output;
 use super::error::SplatFileError;
 use super::layout::Sizes;
 use super::{CHUNK_BYTES, SplatContentView, SplatFileView, header, record, trailer};
-use splatseg_files::AtomicFile;
+use splatseg_files::{AtomicFile, StateError};
 use std::path::Path;
 
 /// Writes the file under a temporary name and renames it.
 pub fn save(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError> {
-    let sizes = Sizes::of(view);
     check_lengths(view, path)?;
+    let saved_state = state_bytes(view, path)?;
+    let sizes = Sizes::of(view, saved_state.len());
     let header = header::checked(&sizes, view.origin, path)?;
     trailer::check_ids(view.ids, &sizes, path)?;
     let mut file = AtomicFile::create(path).map_err(SplatFileError::io(path, "create a temporary file beside it"))?;
-    write_file(view, (&sizes, &header), path, &mut file)?;
+    write_file(view, (&sizes, &header, &saved_state), path, &mut file)?;
     file.commit().map_err(SplatFileError::io(path, "rename the temporary file"))
+}
+
+/// The state besides the Gaussians as bytes; none for the default state.
+fn state_bytes(view: &SplatFileView<'_>, path: &Path) -> Result<Vec<u8>, SplatFileError> {
+    if view.saved_state.is_empty() {
+        return Ok(Vec::new());
+    }
+    let failed = |error: StateError| SplatFileError::State { path: path.to_owned(), found: error.to_string() };
+    view.saved_state.to_bytes().map_err(failed)
 }
 
 /// Returns an error if the lengths of arrays contradict each other.
@@ -47,7 +57,7 @@ fn check_lengths(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileE
 
 fn write_file(
     view: &SplatFileView<'_>,
-    (sizes, header): (&Sizes, &str),
+    (sizes, header, saved_state): (&Sizes, &str, &[u8]),
     path: &Path,
     file: &mut AtomicFile,
 ) -> Result<(), SplatFileError> {
@@ -62,6 +72,6 @@ fn write_file(
         }
     }
     output.write(&chunk)?;
-    trailer::write(view, sizes, &mut output)?;
+    trailer::write(view, sizes, saved_state, &mut output)?;
     output.finish()
 }

@@ -13,7 +13,7 @@
 mod saved;
 mod sketch;
 
-pub(crate) use saved::SavedRecentFrames;
+pub(crate) use saved::{SavedIdRuns, SavedPreviousFrame, SavedRecentFrames, SavedSketch};
 
 use crate::MemorySettings;
 use crate::recall::Recall;

@@ -1,51 +1,147 @@
-//! Saved form of the last frames.
+//! Saved form of the last frames: arrays whose names begin with `recent`.
+//!
+//! | Array | Type | |
+//! |---|---|---|
+//! | `far_frames` | `u8` | frames in a row that were taken far from the map |
+//! | `previous.…`, `contradicting_0.…` to `_2.…` | | a frame each, see the next three |
+//! | `….camera.json` | text | intrinsics and pose of the whole frame |
+//! | `….depth` | `f32 [rows, columns]` | at every few pixels, metres, 0 where missing |
+//! | `….color` | `u8 [rows, columns, 3]` | sRGB, at the same pixels |
+//! | `previous.state.json` | text | the camera's motion before the frame |
+//! | `previous.ids`, `without_pose.ids` | `u32 [n, 2]` | runs of pixels, row-major: id and length |
+//! | `without_pose.size` | `u32 [2]` | width and height of those ids |
 
 use super::sketch::{MAX_SIDE, Sketch, grid};
 use super::{CONFIRMING_FRAMES, PreviousFrame, RecentFrames};
 use serde::{Deserialize, Serialize};
-use splatseg_files::MemoryLimit;
+use splatseg_files::{MemoryLimit, StateBlock, StateError};
 use splatseg_geometry::{Intrinsics, LocalPose, SegmentId, SegmentMap};
 
-/// Saved form of [`RecentFrames`]. Older files lack it or have further fields.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// Saved form of [`RecentFrames`].
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct SavedRecentFrames {
-    previous: Option<SavedPreviousFrame>,
-    contradicting: Vec<SavedSketch>,
-    #[serde(default)]
-    far_frames: u8,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[serde(rename = "unplaced")]
-    without_pose: Option<SavedIds>,
+    pub previous: Option<SavedPreviousFrame>,
+    pub contradicting: Vec<SavedSketch>,
+    pub far_frames: u8,
+    pub without_pose: Option<SavedIdRuns>,
 }
 
 /// A segment map.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SavedIds {
-    width: usize,
-    height: usize,
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct SavedIdRuns {
+    pub width: usize,
+    pub height: usize,
     /// Runs of pixels with the same id, row-major: id and length.
-    runs: Vec<(SegmentId, u32)>,
+    pub runs: Vec<[u32; 2]>,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SavedPreviousFrame {
-    sketch: SavedSketch,
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct SavedPreviousFrame {
+    pub sketch: SavedSketch,
     /// Runs of pixels with the same id, row-major: id and length.
-    ids: Vec<(SegmentId, u32)>,
+    pub ids: Vec<[u32; 2]>,
+    pub motion: LocalPose,
+    pub is_linked: bool,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct SavedSketch {
+    pub intrinsics: Intrinsics,
+    pub map_from_camera: LocalPose,
+    pub depth: Vec<f32>,
+    pub color: Vec<[u8; 3]>,
+}
+
+/// What is no array in a [`SavedSketch`].
+#[derive(Serialize, Deserialize)]
+struct SketchCamera {
+    intrinsics: Intrinsics,
+    map_from_camera: LocalPose,
+}
+
+/// What is no array in a [`SavedPreviousFrame`].
+#[derive(Serialize, Deserialize)]
+struct PreviousState {
     motion: LocalPose,
     is_linked: bool,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SavedSketch {
-    intrinsics: Intrinsics,
-    #[serde(rename = "world_from_camera")]
-    map_from_camera: LocalPose,
-    depth: Vec<f32>,
-    color: Vec<[u8; 3]>,
+impl SavedRecentFrames {
+    /// The arrays for a file.
+    pub fn into_block(self) -> StateBlock {
+        let mut block = StateBlock::default();
+        if self.far_frames > 0 {
+            block.put_number("far_frames", self.far_frames);
+        }
+        if let Some(SavedPreviousFrame { sketch, ids, motion, is_linked }) = self.previous {
+            let mut previous = sketch.into_block();
+            previous.put_json("state.json", &PreviousState { motion, is_linked });
+            previous.put("ids", &[2], ids.into_iter().flatten());
+            block.put_block("previous", previous);
+        }
+        for (index, sketch) in self.contradicting.into_iter().enumerate() {
+            block.put_block(&contradicting(index), sketch.into_block());
+        }
+        if let Some(SavedIdRuns { width, height, runs }) = self.without_pose {
+            block.put("without_pose.size", &[], [width as u32, height as u32]);
+            block.put("without_pose.ids", &[2], runs.into_iter().flatten());
+        }
+        block
+    }
+
+    /// Reads the arrays of a file.
+    ///
+    /// # Errors
+    /// If an array has another form than [`Self::into_block`] gives it.
+    pub fn from_block(block: &mut StateBlock) -> Result<Self, StateError> {
+        let mut previous = block.take_block("previous");
+        let state: Option<PreviousState> = previous.get_json("state.json")?;
+        let ids = previous.get_tuples("ids")?;
+        let previous = SavedSketch::from_block(&mut previous)?.zip(state).map(|(sketch, state)| {
+            let PreviousState { motion, is_linked } = state;
+            SavedPreviousFrame { sketch, ids, motion, is_linked }
+        });
+        let sketches = (0..CONFIRMING_FRAMES).map(|index| {
+            let mut sketch = block.take_block(&contradicting(index));
+            SavedSketch::from_block(&mut sketch)
+        });
+        let contradicting = sketches.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect();
+        let size: Vec<u32> = block.get("without_pose.size", &[])?;
+        let without_pose = match *size {
+            [width, height] => {
+                let runs = block.get_tuples("without_pose.ids")?;
+                Some(SavedIdRuns { width: width as usize, height: height as usize, runs })
+            }
+            _ => None,
+        };
+        Ok(Self { previous, contradicting, far_frames: block.get_number("far_frames")?.unwrap_or(0), without_pose })
+    }
+}
+
+/// Name of a frame that contradicts the map.
+fn contradicting(index: usize) -> String {
+    format!("contradicting_{index}")
+}
+
+impl SavedSketch {
+    fn into_block(self) -> StateBlock {
+        let Self { intrinsics, map_from_camera, depth, color } = self;
+        let mut block = StateBlock::default();
+        let (columns, _) = grid(&intrinsics);
+        block.put_json("camera.json", &SketchCamera { intrinsics, map_from_camera });
+        block.put("depth", &[columns], depth);
+        block.put("color", &[columns, 3], color.into_iter().flatten());
+        block
+    }
+
+    fn from_block(block: &mut StateBlock) -> Result<Option<Self>, StateError> {
+        let camera: Option<SketchCamera> = block.get_json("camera.json")?;
+        let Some(SketchCamera { intrinsics, map_from_camera }) = camera else { return Ok(None) };
+        let (columns, _) = grid(&intrinsics);
+        let depth = block.get("depth", &[columns])?;
+        let color: Vec<u8> = block.get("color", &[columns, 3])?;
+        Ok(Some(Self { intrinsics, map_from_camera, depth, color: color.as_chunks().0.to_vec() }))
+    }
 }
 
 impl RecentFrames {
@@ -58,7 +154,7 @@ impl RecentFrames {
             is_linked: previous.is_linked,
         });
         let contradicting = self.contradicting.iter().map(Sketch::saved).collect();
-        let without_pose = self.without_pose.as_ref().map(|ids| SavedIds {
+        let without_pose = self.without_pose.as_ref().map(|ids| SavedIdRuns {
             width: ids.width(),
             height: ids.height(),
             runs: runs(ids),
@@ -108,30 +204,30 @@ impl SavedPreviousFrame {
     fn restored(self, highest: SegmentId) -> Result<PreviousFrame, String> {
         let sketch = self.sketch.restored()?;
         let Intrinsics { width, height, .. } = sketch.intrinsics;
-        let ids = SavedIds { width, height, runs: self.ids }.restored(highest)?;
+        let ids = SavedIdRuns { width, height, runs: self.ids }.restored(highest)?;
         Ok(PreviousFrame { sketch, ids, motion: self.motion, is_linked: self.is_linked })
     }
 }
 
-impl SavedIds {
+impl SavedIdRuns {
     fn restored(self, highest: SegmentId) -> Result<SegmentMap, String> {
         let Self { width, height, runs } = self;
-        if let Some((id, _)) = runs.iter().find(|(id, _)| *id > highest) {
+        if let Some([id, _]) = runs.iter().find(|[id, _]| *id > highest) {
             return Err(format!("the previous frame contains the segment {id}, but the largest id is {highest}"));
         }
-        let found = runs.iter().fold(0u64, |sum, (_, length)| sum.saturating_add(u64::from(*length)));
+        let found = runs.iter().fold(0u64, |sum, [_, length]| sum.saturating_add(u64::from(*length)));
         let (expected, limit) = ((width as u64).saturating_mul(height as u64), MemoryLimit::in_force());
         if found != expected || expected.saturating_mul(4) > limit {
             return Err(format!("the previous frame has {found} ids for {width}x{height} pixels"));
         }
-        let pixels = runs.iter().flat_map(|(id, length)| std::iter::repeat_n(*id, *length as usize)).collect();
+        let pixels = runs.iter().flat_map(|[id, length]| std::iter::repeat_n(*id, *length as usize)).collect();
         SegmentMap::from_pixels(width, height, pixels).map_err(|error| error.to_string())
     }
 }
 
 /// Runs of pixels with the same id, row-major: id and length.
-fn runs(ids: &SegmentMap) -> Vec<(SegmentId, u32)> {
-    ids.pixels().chunk_by(|one, other| one == other).map(|run| (run[0], run.len() as u32)).collect()
+fn runs(ids: &SegmentMap) -> Vec<[u32; 2]> {
+    ids.pixels().chunk_by(|one, other| one == other).map(|run| [run[0], run.len() as u32]).collect()
 }
 
 #[cfg(test)]
@@ -148,11 +244,11 @@ mod tests {
         };
         let previous = SavedPreviousFrame {
             sketch: sketch.clone(),
-            ids: vec![(3, 5), (0, 7)],
+            ids: vec![[3, 5], [0, 7]],
             motion: LocalPose::IDENTITY,
             is_linked: true,
         };
-        let without_pose = Some(SavedIds { width: 2, height: 2, runs: vec![(0, 1), (2, 3)] });
+        let without_pose = Some(SavedIdRuns { width: 2, height: 2, runs: vec![[0, 1], [2, 3]] });
         let contradicting = vec![sketch; CONFIRMING_FRAMES];
         SavedRecentFrames { previous: Some(previous), contradicting, far_frames: 2, without_pose }
     }
@@ -161,6 +257,24 @@ mod tests {
     fn recent_frames_are_restored_as_they_were_saved() {
         assert_eq!(RecentFrames::restored(saved(), 3).unwrap().saved(), saved());
         assert_eq!(RecentFrames::restored(SavedRecentFrames::default(), 0).unwrap(), RecentFrames::default());
+        assert_eq!(SavedRecentFrames::from_block(&mut saved().into_block()).unwrap(), saved());
+        assert!(SavedRecentFrames::default().into_block().is_empty());
+    }
+
+    #[test]
+    fn arrays_of_another_size_are_refused() {
+        let changes: [fn(&mut StateBlock); 5] = [
+            |block| block.put("previous.depth", &[3], [1.0f32; 12]),
+            |block| block.put("contradicting_1.color", &[4], [1u8; 36]),
+            |block| block.put("previous.ids", &[], [1u32; 4]),
+            |block| block.put("previous.state.json", &[], *b"{}"),
+            |block| block.put_number("far_frames", 3u32),
+        ];
+        for (index, change) in changes.into_iter().enumerate() {
+            let mut block = saved().into_block();
+            change(&mut block);
+            assert!(SavedRecentFrames::from_block(&mut block).is_err(), "change {index}");
+        }
     }
 
     #[test]
@@ -172,9 +286,9 @@ mod tests {
             |saved| saved.contradicting[1].depth[3] = f32::NAN,
             |saved| saved.contradicting[1].color.push([0; 3]),
             |saved| saved.contradicting[1].intrinsics.fx = 0.0,
-            |saved| saved.previous.as_mut().unwrap().ids[1].1 = u32::MAX,
+            |saved| saved.previous.as_mut().unwrap().ids[1][1] = u32::MAX,
             |saved| saved.previous.as_mut().unwrap().ids.truncate(1),
-            |saved| saved.previous.as_mut().unwrap().ids[0].0 = 4,
+            |saved| saved.previous.as_mut().unwrap().ids[0][0] = 4,
         ];
         for (index, change) in changes.into_iter().enumerate() {
             let mut saved = saved();

@@ -1,6 +1,5 @@
 //! Ids of mistakes and of objects seen only once, to be reused.
 
-use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
 use std::collections::BTreeMap;
 
@@ -17,9 +16,9 @@ pub(super) struct ReleasedIds {
     places: BTreeMap<SegmentId, (i64, u32)>,
 }
 
-/// A released id as it is saved.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub(crate) struct SavedRelease(SegmentId, u32);
+/// A released id as it is saved, and the number of frames in which it was predicted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SavedRelease(pub SegmentId, pub u32);
 
 impl ReleasedIds {
     /// Restores saved ids.

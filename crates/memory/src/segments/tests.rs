@@ -26,7 +26,7 @@ fn confirm(segments: &mut Segments) -> SegmentId {
 }
 
 fn restored(segments: &Segments) -> Segments {
-    let saved: SavedIds = serde_json::from_str(&serde_json::to_string(&segments.saved_ids()).unwrap()).unwrap();
+    let saved = segments.saved_ids();
     let mut restored = Segments::restored(&segments.saved_live(), saved, segments.limit).unwrap();
     // As a loaded map does.
     let holds: Vec<_> = segments.live.iter().map(|(id, segment)| (*id, segment.hold)).collect();
@@ -152,15 +152,12 @@ fn restored_ids_continue_unchanged() {
 #[test]
 fn impossible_saved_ids_are_refused() {
     let live = [SavedSegment { id: 4, sightings: 2, carried: true }];
-    let refused = |text: &str| Segments::restored(&live, serde_json::from_str(text).unwrap(), MAX_SEGMENT_ID).is_err();
-    assert!(!refused(r#"{"given": 9, "released": [[3, 1], [1, 0]]}"#));
-    for wrong in [
-        r#"{"given": 9, "released": [[10, 1]]}"#,
-        r#"{"given": 9, "released": [[4, 1]]}"#,
-        r#"{"given": 9, "released": [[0, 1]]}"#,
-        r#"{"given": 9, "released": [[3, 1], [3, 1]]}"#,
-        r#"{"given": 9, "released": [[3, 2]]}"#,
-    ] {
-        assert!(refused(wrong), "{wrong}");
+    let refused = |released: &[(u32, u32)]| {
+        let released = released.iter().map(|(id, sightings)| SavedRelease(*id, *sightings)).collect();
+        Segments::restored(&live, SavedIds { given: 9, released }, MAX_SEGMENT_ID).is_err()
+    };
+    assert!(!refused(&[(3, 1), (1, 0)]));
+    for wrong in [&[(10, 1)][..], &[(4, 1)], &[(0, 1)], &[(3, 1), (3, 1)], &[(3, 2)]] {
+        assert!(refused(wrong), "{wrong:?}");
     }
 }

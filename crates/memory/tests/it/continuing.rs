@@ -1,6 +1,7 @@
 //! A memory that is saved and continued behaves like one that never stopped.
 
 use glam::{Mat4, Vec3};
+use splatseg_files::StateBlock;
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{
     GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory,
@@ -155,15 +156,24 @@ fn state_besides_the_gaussians_is_checked() {
 
     // Invalid values are refused even with a correct checksum.
     let whole = SplatFile::load(&path).unwrap();
-    for (from, to) in
-        [("\"fx\":60.0", "\"fx\":-60.0"), ("\"ids\":[[", "\"ids\":[[7,1],["), ("\"given\":3", "\"given\":\"3\"")]
-    {
-        let text = String::from_utf8(whole.saved_state.clone()).unwrap();
-        assert!(text.contains(from), "{from} in {text}");
-        let damaged = SplatFile { saved_state: text.replacen(from, to, 1).into_bytes(), ..whole.clone() };
+    let camera: serde_json::Value = whole.saved_state.get_json("recent.previous.camera.json").unwrap().unwrap();
+    let changes: [&dyn Fn(&mut StateBlock); 4] = [
+        &|state| {
+            let mut camera = camera.clone();
+            camera["intrinsics"]["fx"] = (-60.0).into();
+            state.put_json("recent.previous.camera.json", &camera);
+        },
+        &|state| state.put("recent.previous.ids", &[2], [7u32, 1]),
+        &|state| state.put("memory.released_ids", &[2], [1u32, 1]),
+        &|state| state.put_number("memory.given_ids", 3u8),
+    ];
+    for (index, change) in changes.into_iter().enumerate() {
+        let mut damaged = whole.clone();
+        change(&mut damaged.saved_state);
+        assert_ne!(damaged, whole, "change {index}");
         damaged.save(&path).unwrap();
         let error = SplatMemory::load(&path, settings.clone()).unwrap_err();
-        assert!(matches!(&error, LoadMemoryError::SavedState { .. }), "{to}: {error}");
+        assert!(matches!(&error, LoadMemoryError::SavedState { .. }), "change {index}: {error}");
         assert!(error.to_string().lines().count() == 1 && error.to_string().contains("memory.ply"), "{error}");
     }
 }

@@ -1,6 +1,7 @@
 //! A map whose camera has drifted, before and after its poses are corrected.
 
 use glam::DVec3;
+use splatseg_files::StateBlock;
 use splatseg_geometry::{
     FrameAnchor, Image, Intrinsics, KeyframeId, MapCorrection, Pose, RemappedId, RgbdFrame, SegmentId, SegmentMap,
 };
@@ -178,12 +179,21 @@ fn surfaces_are_gone_only_if_the_pose_is_certain() {
 fn a_saved_memory_is_corrected_in_the_same_way_and_keeps_its_keyframes() {
     let folder = tempfile::tempdir().unwrap();
     let (path, mut memory) = (folder.path().join("map.ply"), seen_twice());
-    let attached = Attached { keyframes: Some(b"{\"keyframes\":[]}"), names: Some(b"[\"mug\"]") };
+    let bytes = |name: &str| {
+        let mut block = StateBlock::default();
+        block.put(name, &[], [1u8, 2]);
+        block.to_bytes().unwrap()
+    };
+    let (keyframes, names) = (bytes("id"), bytes("label"));
+    let attached = Attached { keyframes: Some(&keyframes), names: Some(&names) };
     memory.save_with(&path, attached).unwrap();
     let mut loaded = SplatMemory::load(&path, MemorySettings::default()).unwrap();
-    assert_eq!(loaded.take_keyframes().unwrap(), b"{\"keyframes\":[]}");
+    assert_eq!(loaded.take_keyframes().unwrap(), keyframes);
     assert_eq!(loaded.take_keyframes(), None);
-    assert_eq!((loaded.take_names().unwrap(), loaded.take_names()), (b"[\"mug\"]".to_vec(), None));
+    assert_eq!((loaded.take_names().unwrap(), loaded.take_names()), (names, None));
+    let other = Attached { keyframes: Some(b"{}"), names: None };
+    let error = memory.save_with(&path, other).unwrap_err().to_string();
+    assert!(error.contains("no saved state, or a damaged one"), "{error}");
     loaded.set_anchor(&anchor(AGAIN, &[0]));
     assert_eq!(loaded.correct(&correction()), memory.correct(&correction()));
     assert_eq!((loaded.map().means, loaded.map().radii), (memory.map().means, memory.map().radii));

@@ -399,8 +399,8 @@ fn what_is_known_about_places_survives_saving_removal_and_jumps() {
 
     // A damaged list is refused.
     let mut file = SplatFile::load(&path).unwrap();
-    let text = String::from_utf8(file.saved_state.clone()).unwrap();
-    file.saved_state = text.replacen("\"surfaces\":[", "\"surfaces\":[[\"observed\",1],", 1).into_bytes();
+    let runs: Vec<u64> = file.saved_state.get("memory.surfaces", &[2]).unwrap();
+    file.saved_state.put("memory.surfaces", &[2], [0, 1].into_iter().chain(runs));
     assert!(file.surfaces().unwrap_err().to_string().contains("surfaces of"));
     file.save(&path).unwrap();
     let refused = SplatMemory::load(&path, MemorySettings::default()).unwrap_err().to_string();

@@ -1,6 +1,7 @@
 //! Names of objects: what is kept, found, joined, saved and refused.
 
 use proptest::prelude::*;
+use splatseg_files::StateBlock;
 use splatseg_geometry::RemappedId;
 use splatseg_objects::{NameError, ObjectName, ObjectNames};
 
@@ -67,21 +68,43 @@ fn joined_ids_keep_the_name_from_the_better_view() {
 }
 
 #[test]
-fn damaged_text_is_an_error() {
-    let saved = String::from_utf8(kitchen().to_bytes()).unwrap();
-    let damaged = |from: &str, to: &str| {
-        assert!(saved.contains(from), "{saved}");
-        ObjectNames::from_bytes(saved.replacen(from, to, 1).as_bytes()).unwrap_err().to_string()
+fn damaged_names_are_an_error() {
+    let saved = kitchen().to_bytes();
+    let block = StateBlock::from_bytes(&saved).unwrap();
+    let damaged = |change: fn(&mut StateBlock)| {
+        let mut block = block.clone();
+        change(&mut block);
+        ObjectNames::from_bytes(&block.to_bytes().unwrap()).unwrap_err().to_string()
     };
-    assert!(damaged("\"id\":4", "\"id\":3").contains("object 3 occurs twice"));
-    assert!(damaged("\"id\":3", "\"id\":0").contains("object 0"));
-    assert!(damaged("\"score\":10.0", "\"score\":-1").contains("score"));
-    assert!(damaged("AACAPwAAAAA=", "AACAPwAAAA==").contains("half a number"));
-    assert!(damaged("AACAPwAAAAA=", "%%").contains("not Base64"));
-    assert!(damaged("AACAPwAAAAA=", "AACAPw==").contains("has 2 numbers"));
+    assert!(damaged(|block| block.put("id", &[], [3u32, 3, 9, 11])).contains("object 3 occurs twice"));
+    assert!(damaged(|block| block.put("id", &[], [0u32, 4, 9, 11])).contains("object 0"));
+    assert!(damaged(|block| block.put("id", &[], [3u32])).contains("score: found"));
+    assert!(damaged(|block| block.put("score", &[], [-1.0f64; 4])).contains("score"));
+    assert!(damaged(|block| block.put_json("labels.json", &["a"])).contains("labels.json: found 1 entries"));
+    assert!(damaged(|block| block.put("embedding", &[2], [0.0f32; 4])).contains("embedding: found 2 entries"));
+    assert!(damaged(|block| block.put("embedding", &[2], [f32::NAN; 6])).contains("expected a finite number"));
+    assert!(damaged(|block| block.put("embedding", &[], [0.0f32; 6])).contains("with two axes"));
     for end in 0..saved.len() {
-        assert!(ObjectNames::from_bytes(&saved.as_bytes()[..end]).is_err(), "the first {end} bytes");
+        assert!(ObjectNames::from_bytes(&saved[..end]).is_err(), "the first {end} bytes");
     }
+}
+
+#[test]
+fn names_of_maps_of_version_4_are_read() {
+    let read = |text: &str| {
+        let mut block = StateBlock::default();
+        block.put(StateBlock::OLD_TEXT, &[], text.bytes());
+        ObjectNames::from_bytes(&block.to_bytes().unwrap())
+    };
+    let text = r#"[{"id":3,"label":"Red mug","embedding":"AACAPwAAAAA=","score":10.0},{"id":4,"score":2.5}]"#;
+    let names = read(text).unwrap();
+    assert_eq!((names.label(3), names.embedding(3), names.label(4)), (Some("Red mug"), &[1.0, 0.0][..], None));
+    assert_eq!(ObjectNames::from_bytes(&names.to_bytes()), Ok(names));
+    let error = |from: &str, to: &str| read(&text.replacen(from, to, 1)).unwrap_err().to_string();
+    assert!(error("\"id\":4", "\"id\":3").contains("object 3 occurs twice"));
+    assert!(error("AACAPwAAAAA=", "AACAPwAAAA==").contains("half a number"));
+    assert!(error("AACAPwAAAAA=", "%%").contains("not Base64"));
+    assert!(error("]", "").contains("damaged"));
 }
 
 proptest! {

@@ -1,13 +1,10 @@
 //! Loops that were found and missed, by the true path.
 
 use crate::cover::apart;
-use serde::Deserialize;
-use serde::de::IgnoredAny;
-use serde_json::Value;
+use splatseg_files::StateBlock;
 use splatseg_geometry::{KeyframeId, Pose};
 use std::collections::{BTreeMap, BTreeSet};
 use std::error::Error;
-use std::fmt;
 
 /// Two keyframes show the same place if they are this close, metres and degrees...
 const SAME_PLACE: (f64, f64) = (0.5, 30.0);
@@ -40,22 +37,11 @@ struct Edge {
     is_loop: bool,
 }
 
-/// Sizes of a map.
-#[derive(Deserialize)]
-pub struct Sizes {
-    keyframes: Vec<IgnoredAny>,
-    edges: Vec<IgnoredAny>,
-}
-
-impl fmt::Display for Sizes {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(formatter, "{} keyframes, {} relative poses", self.keyframes.len(), self.edges.len())
-    }
-}
-
-/// Sizes of saved keyframes.
-pub fn sizes(saved: &[u8]) -> Result<Sizes, Box<dyn Error>> {
-    Ok(serde_json::from_slice(saved)?)
+/// Sizes of saved keyframes, in words.
+pub fn sizes(saved: &[u8]) -> Result<String, Box<dyn Error>> {
+    let saved = StateBlock::from_bytes(saved)?;
+    let (keyframes, edges) = (saved.get::<u32>("id", &[])?.len(), saved.get_tuples::<u32, 2>("edges")?.len());
+    Ok(format!("{keyframes} keyframes, {edges} relative poses"))
 }
 
 impl TruePath {
@@ -124,17 +110,16 @@ fn is_within(one: &Pose, other: &Pose, (metres, degrees): (f64, f64)) -> bool {
 }
 
 fn edges(saved: &[u8]) -> Result<Vec<Edge>, Box<dyn Error>> {
-    let mut saved: Value = serde_json::from_slice(saved)?;
-    let Value::Array(edges) = saved["edges"].take() else { return Err("no edges".into()) };
-    let edge = |mut edge: Value| {
-        Ok(Edge {
-            from: serde_json::from_value(edge["from"].take())?,
-            to: serde_json::from_value(edge["to"].take())?,
-            measured: serde_json::from_value(edge["measured"].take())?,
-            is_loop: edge["kind"] == "loop",
-        })
+    /// The kind of an edge that closes a loop.
+    const LOOP: u8 = 1;
+    let saved = StateBlock::from_bytes(saved)?;
+    let ids: Vec<[KeyframeId; 2]> = saved.get_tuples("edges")?;
+    let poses: Vec<f64> = saved.get_rows("edge_pose", ids.len(), &[4, 4])?;
+    let kinds: Vec<u8> = saved.get_rows("edge_kind", ids.len(), &[])?;
+    let edge = |(([from, to], pose), kind): (([KeyframeId; 2], &[f64; 16]), u8)| {
+        Ok(Edge { from, to, measured: Pose::from_saved_row_major(*pose)?, is_loop: kind == LOOP })
     };
-    edges.into_iter().map(edge).collect()
+    ids.into_iter().zip(poses.as_chunks().0).zip(kinds).map(edge).collect()
 }
 
 /// True if a short path leads from a keyframe to one of `same`, by keyframes that were known soon after it.

@@ -141,7 +141,7 @@ impl Run {
     fn print_interval(&mut self, frames: usize) {
         let memory = cost::memory();
         let saved = self.poses.save(StateScope::Map).unwrap_or_default();
-        let sizes = loops::sizes(&saved).map_or_else(|error| error.to_string(), |sizes| sizes.to_string());
+        let sizes = loops::sizes(&saved).unwrap_or_else(|error| error.to_string());
         println!("after {frames} frames: {}; {sizes}, {memory}", self.costs.since_last());
     }
 

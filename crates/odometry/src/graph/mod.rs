@@ -33,7 +33,6 @@ const METRES_PER_RADIAN: f64 = 0.5;
 
 /// A measured relative pose.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub(crate) struct Edge {
     pub(crate) from: KeyframeId,
     pub(crate) to: KeyframeId,

@@ -4,6 +4,7 @@ mod corrected_path;
 mod input_checks;
 mod loops;
 mod movers;
+mod old_map;
 mod places;
 mod places_again;
 mod poses;

@@ -1,8 +1,13 @@
 //! Places that the camera comes back to: in the same run after a loss, and in another one with the saved keyframes.
 
+use proptest::prelude::*;
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
+use splatseg_files::StateBlock;
 use splatseg_geometry::{CameraFrame, Image, Pose};
-use splatseg_odometry::{CameraPose, PoseInput, PoseMode, PoseSource, PoseState, StateScope, TrackedPoses};
+use splatseg_odometry::{
+    CameraPose, KeyframeView, PoseInput, PoseMode, PoseSource, PoseState, StateScope, TrackedPoses, keyframe_views,
+};
+use std::sync::LazyLock;
 
 /// Frames of a scene with their true poses.
 fn frames(scene: &str) -> Vec<(CameraFrame<'static>, Pose)> {
@@ -86,16 +91,97 @@ fn after_a_covered_lens_the_camera_is_found_and_a_resumed_run_goes_on_to_the_sam
     assert_eq!(resumed.save(StateScope::Map), poses.save(StateScope::Map));
 }
 
-#[test]
-fn damaged_keyframes_are_refused() {
+/// The saved keyframes of a camera that stands in a room.
+fn saved_keyframes() -> StateBlock {
     let room = frames("synthetic:frames=2,width=160,height=120");
     let mut poses = TrackedPoses::new(PoseMode::Track);
     poses.pose(&room[0].0, PoseInput::new(0, Some(&room[0].1))).unwrap();
-    let text = String::from_utf8(poses.save(StateScope::Map).unwrap()).unwrap();
-    let refused = |text: &str| TrackedPoses::new(PoseMode::Track).restore(StateScope::Map, text.as_bytes()).is_err();
-    assert!(!refused(&text));
-    assert!(refused(&text[..text.len() / 2]) && refused("") && refused("{}"));
-    assert!(refused(&text.replacen("\"width\":160", "\"width\":100", 1)), "an image of another size");
-    assert!(refused(&text.replacen("\"id\":0", "\"id\":7", 1)), "a keyframe that was never made");
-    assert!(refused(&text.replacen("\"features\":\"", "\"features\":\"AA", 1)));
+    StateBlock::from_bytes(&poses.save(StateScope::Map).unwrap()).unwrap()
+}
+
+fn load(bytes: &[u8]) -> Result<TrackedPoses, String> {
+    let mut poses = TrackedPoses::new(PoseMode::Track);
+    poses.restore(StateScope::Map, bytes).map(|()| poses).map_err(|error| error.to_string())
+}
+
+#[test]
+fn damaged_keyframes_are_refused() {
+    let block = saved_keyframes();
+    let refused = |change: fn(&mut StateBlock)| {
+        let mut changed = block.clone();
+        change(&mut changed);
+        load(&changed.to_bytes().unwrap()).err().unwrap_or_default()
+    };
+    assert_eq!(refused(|_| ()), "");
+    assert_eq!(refused(|block| block.put("of_a_later_version", &[2], [1.5f32, 2.0])), "");
+    let changes: [(fn(&mut StateBlock), &str); 10] = [
+        (|block| block.put("size", &[2], [100u32, 120]), "keyframe 0: image cannot be read"),
+        (|block| block.put("size", &[2], [u32::MAX, 7]), "pixels, expected at most 200 columns"),
+        (|block| block.put("id", &[], [7u32]), "keyframe 7 occurs twice or was never made"),
+        (|block| block.put("id", &[], [0u32, 1]), "part: found [1], expected 2 rows"),
+        (|block| block.put("feature_points", &[3], [0i16; 3]), "feature_descriptors: found"),
+        (|block| block.put("grey_offsets", &[], [0u32, 5]), "grey_offsets"),
+        (|block| block.put("grey_offsets", &[], [9u32, 5]), "grey_offsets"),
+        (|block| block.put("world_from_camera", &[4, 4], [f64::NAN; 16]), "world_from_camera: found"),
+        (|block| block.put("edges", &[2], [0u32, 0]), "edge_pose: found"),
+        (|block| drop(block.take_block("state")), "state.json is missing"),
+    ];
+    for (index, (change, expected)) in changes.into_iter().enumerate() {
+        let error = refused(change);
+        assert!(error.contains(expected), "change {index}: {error}");
+    }
+    let color: fn(&mut StateBlock) = |block| {
+        block.put("color", &[], *b"text");
+        block.put("color_offsets", &[], [0u32, 4]);
+    };
+    assert!(refused(color).contains("the colour image cannot be read"));
+    let bytes = block.to_bytes().unwrap();
+    assert!(load(&bytes[..bytes.len() / 2]).is_err() && load(b"").is_err() && load(b"{}").is_err());
+}
+
+#[test]
+fn keyframes_have_a_small_colour_image_and_may_lack_it() {
+    let room = frames("synthetic:frames=2,width=640,height=480");
+    let mut poses = TrackedPoses::new(PoseMode::Track);
+    poses.pose(&room[0].0, PoseInput::new(0, Some(&room[0].1))).unwrap();
+    let saved = poses.save(StateScope::Map).unwrap();
+    let views = keyframe_views(&saved, None).unwrap();
+    let (small, color) = (views[0].color().unwrap(), room[0].0.color());
+    assert_eq!((small.size(), views[0].depth.size()), ((320, 240), (160, 120)));
+    let difference: u64 = (0..240)
+        .flat_map(|row| (0..320).map(move |column| (column, row)))
+        .map(|(column, row)| u64::from(small[(column, row)][0].abs_diff(color[(2 * column, 2 * row)][0])))
+        .sum();
+    assert!(difference < 8 * 320 * 240, "{difference}");
+    let again = load(&saved).unwrap().save(StateScope::Map).unwrap();
+    let colors = |bytes: &[u8]| StateBlock::from_bytes(bytes).unwrap().get::<u8>("color", &[]).unwrap();
+    assert!(colors(&again) == colors(&saved) && !colors(&saved).is_empty(), "colours stay");
+
+    let mut old = StateBlock::from_bytes(&saved).unwrap();
+    old.put("color", &[], [0u8; 0]);
+    old.put("color_offsets", &[], [0u32; 2]);
+    let old = load(&old.to_bytes().unwrap()).unwrap().save(StateScope::Map).unwrap();
+    assert!(keyframe_views(&old, None).unwrap()[0].color().is_none());
+    assert!(keyframe_views(&saved, Some(&old)).unwrap().is_empty(), "the same keyframe with and without colour");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 150, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn no_damage_panics(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+        in_header in any::<bool>(),
+    ) {
+        static SAVED: LazyLock<Vec<u8>> = LazyLock::new(|| saved_keyframes().to_bytes().unwrap());
+        let mut bytes = SAVED.clone();
+        let end = if in_header { 3000.min(bytes.len()) } else { bytes.len() };
+        for (place, value) in changes {
+            bytes[place.index(end)] = value;
+        }
+        if let Ok(poses) = load(&bytes) {
+            let _ = poses.save(StateScope::Map);
+            let _ = keyframe_views(&bytes, Some(&SAVED)).map(|views| views.iter().filter_map(KeyframeView::color).count());
+        }
+    }
 }

@@ -3,10 +3,10 @@
 use crate::scene;
 use crate::scene::{corner, error, path, render};
 use glam::DVec3;
-use splatseg_geometry::{Pose, SegmentMap};
+use splatseg_geometry::{CameraFrame, Pose, SegmentMap};
 use splatseg_odometry::{
-    CameraPose, GivenPoses, MethodFindings, Odometry, PoseInput, PoseMode, PoseSource, PoseState, StateScope,
-    TrackedPoses,
+    CameraPose, DoubtKind, GivenPoses, MethodFindings, Odometry, PoseInput, PoseMode, PoseSource, PoseState,
+    StateScope, TrackedPoses,
 };
 
 fn pose(source: &mut dyn PoseSource, number: usize, given: Option<Pose>) -> CameraPose {
@@ -73,7 +73,7 @@ fn where_tracking_fails_refined_poses_move_as_the_given_ones() {
             10..20 => {
                 let frame = render(&corner(), &path(0.0));
                 let (color, depth) = (frame.color().map(|_| [0; 3]), frame.depth().map(|_| 0.0));
-                splatseg_geometry::CameraFrame::new("dark", color, depth, scene::CAMERA).unwrap()
+                CameraFrame::new("dark", color, depth, scene::CAMERA).unwrap()
             }
             _ => render(&corner(), &path(f64::from(number))),
         };
@@ -128,6 +128,21 @@ fn damaged_states_are_refused() {
     assert!(GivenPoses.restore(StateScope::Run, state.as_bytes()).is_err());
     // Keyframes are of no use to poses that come with the frames.
     assert!(GivenPoses.restore(StateScope::Map, b"{}").is_ok() && GivenPoses.save(StateScope::Map).is_none());
+}
+
+#[test]
+fn hints_about_the_images_are_told_at_the_end() {
+    let mut source = TrackedPoses::new(PoseMode::Track);
+    for number in 0..12 {
+        let frame = render(&corner(), &path(number as f64));
+        let color = frame.color().map(|_| [0; 3]);
+        let dark = CameraFrame::new("dark", color, frame.depth().clone().into_owned(), scene::CAMERA).unwrap();
+        let update = source.pose(&dark, PoseInput::new(number, None)).unwrap();
+        assert_eq!((update.pose.state, update.doubts), (PoseState::Tracked, vec![]), "frame {number}");
+    }
+    let told = source.finish();
+    assert_eq!(told.iter().map(|doubt| doubt.kind).collect::<Vec<_>>(), [DoubtKind::Exposure], "{told:?}");
+    assert!(!told[0].kind.is_contradiction() && told[0].text.contains("in 11 of 11 tracked frames"), "{told:?}");
 }
 
 #[test]

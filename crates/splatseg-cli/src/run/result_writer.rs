@@ -1,7 +1,7 @@
 //! Writes results on a separate thread while the next frame is processed.
 
 use super::frame_history::FrameHistory;
-use super::saved_run::{CAMERA, FOLDER, RunState, StateWriter};
+use super::saved_run::{FOLDER, RunState, StateWriter};
 use crate::output_folder::OutputFolder;
 use splatseg_geometry::RemappedId;
 use splatseg_output::{FrameRecord, OutputError, ResultFolder, RunOutput};
@@ -154,9 +154,8 @@ impl WriterOutcome {
         }
         let mut kept = Vec::new();
         self.for_each_output(|output, folder| output.save(folder).map(|state| kept.push((output.name(), state))));
-        kept.extend(poses.map(|poses| (CAMERA, poses)));
         if let Saving::On(writer) = &mut self.saving {
-            let saved = writer.save(state, memory, &kept);
+            let saved = writer.save(state, memory, poses.as_deref(), &kept);
             self.saved(saved);
         }
     }

@@ -1,7 +1,8 @@
 //! The saved state of a run, for `--resume`.
 //!
 //! `.splatseg-resume/` in the folder of results contains the memory after some frame, `frames.jsonl` with a line for each
-//! frame so far, a similar file and a state file for each output, and `state.json`. `state.json` is replaced last and
+//! frame so far, a similar file and a state file for each output, the state of the source of poses
+//! (`camera-120.safetensors`, see [`StateBlock`](splatseg_files::StateBlock)), and `state.json`. `state.json` is replaced last and
 //! determines the files that belong to the state. The frames' images are in the folder of results. Lines are only
 //! appended, so that the time of a save does not grow with the run. Lines after the saved state are dropped on resuming.
 //!
@@ -28,8 +29,8 @@ use std::path::{Path, PathBuf};
 /// Name of the folder inside the folder of results.
 pub const FOLDER: &str = ".splatseg-resume";
 
-/// Name of the state of the source of poses.
-pub const CAMERA: &str = "camera";
+/// Number of the form of the files. It goes up when a program could not continue what an earlier one has saved.
+const FORM: u32 = 1;
 
 const STATE: &str = "state.json";
 const FRAMES: &str = "frames";
@@ -48,6 +49,9 @@ const FREE_SETTINGS: [&str; 5] = ["memory_limit", "save_every", "segment_ahead",
 pub struct RunState {
     /// Version of splatseg.
     pub version: String,
+    /// Number of the form of all files; missing in those of earlier programs.
+    #[serde(default)]
+    pub form: u32,
     /// The scene as given on the command line.
     pub scene: String,
     /// Number of frames of the scene that are done or skipped.
@@ -74,6 +78,7 @@ impl RunState {
     pub fn initial(scene: &Path, settings: &Settings, outputs: &[Box<dyn RunOutput>]) -> Result<Self, Failure> {
         Ok(Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
+            form: FORM,
             scene: scene.display().to_string(),
             next: 0,
             frames: 0,
@@ -89,6 +94,11 @@ impl RunState {
     /// Name of the file with the memory at this state.
     pub fn memory_file(&self) -> String {
         format!("memory-{}.ply", self.next)
+    }
+
+    /// Name of the file with the state of the source of poses at this state.
+    fn poses_file(&self) -> String {
+        format!("camera-{}.safetensors", self.next)
     }
 
     /// Name of the file with an output's own state at this state.
@@ -172,6 +182,12 @@ impl SavedRun {
         };
         let bytes = read_file(&path, MAX_STATE_BYTES).map_err(|error| wrong(&path, &error))?;
         let state: RunState = serde_json::from_slice(&bytes).map_err(|error| wrong(&path, &error))?;
+        if state.form != FORM {
+            return Err(wrong(
+                &path,
+                &format!("saved by another version of splatseg (form {}, not {FORM})", state.form),
+            ));
+        }
         let path = folder.join(format!("{FRAMES}{LINES}"));
         let lines = read_lines(&path, state.frames).map_err(|error| wrong(&path, &error))?;
         let frame = |(index, line): (usize, &String)| -> Result<SavedFrame, Failure> {
@@ -209,7 +225,7 @@ impl SavedRun {
     /// # Errors
     /// If the file cannot be read.
     pub fn poses(&self) -> Result<Option<Vec<u8>>, Failure> {
-        let path = self.output_file(CAMERA);
+        let path = self.folder.join(self.state.poses_file());
         if !path.exists() {
             return Ok(None);
         }
@@ -362,13 +378,24 @@ impl StateWriter {
         })
     }
 
-    /// Saves a state. The file `memory` is moved into the folder. `outputs` has each output's own state, by name.
+    /// Saves a state. The file `memory` is moved into the folder. `poses` is the state of the source of poses, and `outputs`
+    /// has each output's own state, by name.
     ///
     /// # Errors
     /// If it cannot be written. The earlier state stays.
-    pub fn save(&mut self, state: &RunState, memory: &Path, outputs: &[(&str, Vec<u8>)]) -> std::io::Result<()> {
+    pub fn save(
+        &mut self,
+        state: &RunState,
+        memory: &Path,
+        poses: Option<&[u8]>,
+        outputs: &[(&str, Vec<u8>)],
+    ) -> std::io::Result<()> {
         let mut current = BTreeSet::from([state.memory_file()]);
         fs::rename(memory, self.folder.join(state.memory_file()))?;
+        if let Some(poses) = poses {
+            write_unsynced(&self.folder.join(state.poses_file()), poses)?;
+            current.insert(state.poses_file());
+        }
         for (name, kept) in outputs {
             write_unsynced(&self.folder.join(state.output_file(name)), kept)?;
             current.insert(state.output_file(name));
@@ -426,9 +453,9 @@ fn is_leftover(file: &str) -> bool {
     file.starts_with(".writing-")
 }
 
-/// Returns true if a file of this name belongs to one state: `memory-120.ply`, `page-120.json`.
+/// Returns true if a file of this name belongs to one state: `memory-120.ply`, `camera-120.safetensors`, `page-120.json`.
 fn is_state_file(file: &str) -> bool {
-    let stem = file.strip_suffix(".ply").or_else(|| file.strip_suffix(".json"));
+    let stem = [".ply", ".safetensors", ".json"].into_iter().find_map(|extension| file.strip_suffix(extension));
     let number = stem.and_then(|stem| stem.split_once('-')).map(|(_, number)| number);
     number.is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
 }

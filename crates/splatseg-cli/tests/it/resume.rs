@@ -183,10 +183,13 @@ fn a_run_is_resumed_only_with_its_own_options_and_intact_state() {
     let state = fs::read_to_string(saved.join("state.json")).unwrap();
     let next = read_json(&saved.join("state.json"))["next"].as_u64().unwrap();
     let [objects, page] = ["objects", "page"].map(|name| format!("{name}-{next}.json"));
+    let camera = format!("camera-{next}.safetensors");
     for (file, text) in [
         ("state.json", "{"),
         ("state.json", &state.replace("\"frames\": ", "\"frames\": 9")),
         ("state.json", &state.replace("\"next\": ", "\"next\": 9")),
+        ("state.json", &state.replace("\"form\": 1", "\"form\": 0")),
+        (&camera, "{}"),
         ("frames.jsonl", "{\"index\": 0}\n"),
         ("frames.jsonl", ""),
         ("page.jsonl", "{}\n"),

@@ -5,6 +5,7 @@ use splatseg::memory::Attached;
 use splatseg::objects::ObjectName;
 use splatseg::pipeline::{NameObjectsError, NamedMap, ObjectToName};
 use splatseg::{Pipeline, Settings};
+use splatseg_files::StateBlock;
 use std::collections::BTreeMap;
 use std::error::Error;
 
@@ -91,8 +92,12 @@ fn damaged_names_in_a_map_are_an_error_that_names_the_file() {
     let map = folder.path().join("map.ply");
     let mut pipeline = Pipeline::builder(&settings).build().unwrap();
     run(&mut pipeline, &settings);
-    let names = br#"[{"id":1,"label":"two\nlines","score":1.0}]"#;
-    let attached = Attached { keyframes: None, names: Some(names) };
+    let mut names = StateBlock::default();
+    names.put("id", &[], [1u32]);
+    names.put("score", &[], [1.0f64]);
+    names.put_json("labels.json", &["two\nlines"]);
+    let names = names.to_bytes().unwrap();
+    let attached = Attached { keyframes: None, names: Some(&names) };
     pipeline.memory().unwrap().save_with(&map, attached).unwrap();
     for error in [
         NamedMap::load(&map).err().unwrap().to_string(),

@@ -81,8 +81,9 @@ fn other_files_are_named_for_what_they_are() {
         assert!(message(with_header("binary_little_endian", "binary_big_endian")).contains("binary_big_endian 1.0"));
         assert!(message(with_header("binary_little_endian", "ascii")).contains("\"ascii 1.0\""));
         assert!(message(with_header("comment splatseg", "comment other")).contains("not a splatseg memory"));
-        assert!(message(with_header("memory 4", "memory 1")).contains("version \"1\""));
-        assert!(message(with_header("memory 4", "memory 5")).contains("version \"5\""));
+        assert!(message(with_header("memory 5", "memory 1")).contains("version \"1\""));
+        assert!(message(with_header("memory 5", "memory 6")).contains("version \"6\" of the splatseg memory format"));
+        assert!(message(with_header("memory 5", "memory 4")).contains("segments and short_term"));
         assert!(message(with_header(" kind ", " of ")).contains("expected version, kind"));
         assert!(message(with_header("segments 4", "segments four")).contains("segments four"));
         assert!(message(with_header("element vertex 3", "element vertex -3")).contains("element vertex"));
@@ -116,7 +117,7 @@ fn a_memory_of_version_1_is_refused() {
     let old = b"ply\nformat binary_little_endian 1.0\ncomment splatseg memory 1 feature_dim 28 codes 512 used 40\n\
                 element vertex 0\nproperty float x\nend_header\n";
     let error = load(old).unwrap_err();
-    assert!(matches!(&error, SplatFileError::Version { found, expected: 4, .. } if found == "1"), "{error}");
+    assert!(matches!(&error, SplatFileError::Version { found, .. } if found == "1"), "{error}");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use super::sample::{
     CODES, COMMON_PROPERTIES, FEATURE_DIM, FRAMES, KINDS, SEGMENTS, crc32, header_length, record_bytes, sample, saved,
 };
+use splatseg_files::StateBlock;
 use splatseg_memory::{MemoryKind, SplatContent, SplatFile};
 
 const USUAL: &str =
@@ -10,8 +11,8 @@ const USUAL: &str =
 const OWN: [&str; 2] =
     ["vote_id_0 votes_0 vote_id_1 votes_1 vote_id_2 votes_2 vote_id_3 votes_3", "feature_0 feature_1 feature_2"];
 const COMMENTS: [&str; 2] = [
-    "comment splatseg memory 4 kind evidence segments 4 short_term 0",
-    "comment splatseg memory 4 kind features feature_dim 3 codes 9 segments 4 short_term 0",
+    "comment splatseg memory 5 kind evidence segments 4 state 0",
+    "comment splatseg memory 5 kind features feature_dim 3 codes 9 segments 4 state 0",
 ];
 
 fn close(left: f32, right: f32) -> bool {
@@ -76,7 +77,10 @@ fn viewers_find_their_properties() {
 #[test]
 fn the_block_after_the_vertices_is_as_documented() {
     for kind in KINDS {
-        let file = SplatFile { saved_state: b"text".to_vec(), ..sample(kind, 2) };
+        let mut saved_state = StateBlock::default();
+        saved_state.put("memory.crowded", &[], [7u32]);
+        let state = saved_state.to_bytes().unwrap();
+        let file = SplatFile { saved_state, ..sample(kind, 2) };
         let bytes = saved(&file);
         let block = &bytes[header_length(&bytes) + 2 * record_bytes(kind)..];
         assert_eq!(&block[..8], b"SPLATSEG");
@@ -86,7 +90,7 @@ fn the_block_after_the_vertices_is_as_documented() {
         let kind_number = u64::from(kind == MemoryKind::Features);
         assert_eq!(
             [number(8, 4), number(12, 4), number(16, 4), number(20, 4)],
-            [4, kind_number, SEGMENTS as u64, u64::from(FRAMES)]
+            [5, kind_number, SEGMENTS as u64, u64::from(FRAMES)]
         );
         let mut end = 24;
         if let SplatContent::Features { codebook, .. } = &file.content {
@@ -98,8 +102,9 @@ fn the_block_after_the_vertices_is_as_documented() {
             assert_eq!(number(end + 4 * index, 4), u64::from(*word));
         }
         assert_eq!(block[end + 8 * SEGMENTS..][..SEGMENTS], [1, 0, 0, 1]);
-        assert_eq!(&block[end + 9 * SEGMENTS..][..4], b"text");
-        assert_eq!(block.len(), end + 9 * SEGMENTS + 4 + 4);
+        assert_eq!(&block[end + 9 * SEGMENTS..][..state.len()], state);
+        assert_eq!(block.len(), end + 9 * SEGMENTS + state.len() + 4);
+        assert!(String::from_utf8_lossy(&bytes).contains(&format!(" state {}\n", state.len())));
         assert_eq!(bytes[bytes.len() - 4..], crc32(&bytes[..bytes.len() - 4]).to_le_bytes());
     }
     assert_eq!(crc32(b"123456789"), 0xcbf4_3926);

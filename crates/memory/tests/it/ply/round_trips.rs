@@ -3,6 +3,7 @@
 use super::sample::{KINDS, features, place, sample, saved, with_content};
 use glam::{DVec3, Vec3};
 use proptest::prelude::*;
+use splatseg_files::StateBlock;
 use splatseg_memory::{
     Codebook, CodebookSettings, MemoryKind, SavedMemorySettings, SplatContent, SplatFile, SplatMap, Votes,
 };
@@ -128,10 +129,12 @@ proptest! {
         gaussians in proptest::collection::vec(any_gaussian(), 0..6),
         sightings in any::<[u32; MAX_ID as usize]>(),
         carried in any::<[bool; MAX_ID as usize]>(),
-        saved_state in any::<Vec<u8>>(),
+        arrays in prop::collection::btree_map("[a-z_.]{1,12}", any::<Vec<u16>>(), 0..4),
         origin in prop_oneof![Just([0.0; 3]), proptest::array::uniform3(-1e9f64..1e9)],
     ) {
         let origin = DVec3::from(origin);
+        let mut saved_state = StateBlock::default();
+        arrays.iter().for_each(|(name, values)| saved_state.put(name, &[], values.iter().copied()));
         let mut map = SplatMap::default();
         let (mut all_votes, mut all_features, mut segment_ids) = (vec![], vec![], vec![]);
         for (one, votes, feature, segment_id) in gaussians {

@@ -64,7 +64,7 @@ pub fn with_content(content: SplatContent, count: usize) -> SplatFile {
         sightings: vec![3, 0, u32::MAX, 500],
         carried: vec![true, false, false, true],
         frames: FRAMES,
-        saved_state: Vec::new(),
+        saved_state: Default::default(),
     }
 }
 

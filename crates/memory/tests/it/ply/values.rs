@@ -58,7 +58,8 @@ fn failed_saving_leaves_the_old_file() {
         refuses(|file| file.map.balls.radii.truncate(1), "radii has 1");
         refuses(|file| file.map.last_seen.push(0), "last_seen has 4");
         refuses(|file| file.map.seen_through.clear(), "seen_through has 0");
-        refuses(|file| file.saved_state = vec![b' '; (1 << 28) + 1], "268435457 bytes of state besides the Gaussians");
+        let too_much = |file: &mut SplatFile| file.saved_state.put("memory.crowded", &[], vec![1u8; 1 << 28]);
+        refuses(too_much, "bytes of state besides the Gaussians, expected at most 268435456");
         refuses(|file| file.origin.x = f64::MAX, "three numbers up to");
         refuses(|file| file.segment_ids.push(0), "segment_ids has 4");
         refuses(|file| file.carried.truncate(3), "carried has 3 entries, expected 4");

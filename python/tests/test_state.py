@@ -1,0 +1,69 @@
+"""What is saved with a map besides its Gaussians, as arrays."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+import splatseg as ss
+from conftest import command, step
+from PIL import Image
+
+MOVING = "synthetic:frames=12,width=96,height=72,speed=0.1"
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    """A map with keyframes."""
+    folder = tmp_path_factory.mktemp("state")
+    options = ["--save-memory", str(folder / "map.ply"), "--set=poses=track", "--no-page"]
+    ended = command("run", MOVING, "--out", str(folder / "out"), *options)
+    assert ended.returncode == 0, ended.stderr
+    return folder / "map.ply"
+
+
+def test_a_map_has_keyframes_with_small_images(saved):
+    state = ss.read_state(saved)
+    assert state["writer"] == f"splatseg {ss.__version__}"
+    count = len(state["keyframes.id"])
+    assert count >= 2 and state["keyframes.world_from_camera"].shape == (count, 4, 4)
+    np.testing.assert_allclose(state["keyframes.world_from_camera"][:, 3], [[0, 0, 0, 1]] * count)
+    offsets = state["keyframes.color_offsets"]
+    for start, end in zip(offsets[:-1], offsets[1:], strict=True):
+        with Image.open(io.BytesIO(state["keyframes.color"][start:end])) as image:
+            assert image.size == (96, 72)
+    assert state["keyframes.size"].tolist() == [[96, 72]] * count
+    assert state["keyframes.state.json"]["next"] == count
+    assert int(state["memory.anchors"][:, 1].sum()) == len(ss.FastSamSplat.load(saved).memory)
+    assert state["memory.given_ids"].shape == ()
+
+
+def test_names_are_arrays(tmp_path, room):
+    pipeline = ss.FastSamSplat(keep_views=True)
+    for frame in room:
+        step(pipeline, frame)
+    pipeline.name_objects(lambda *_: ("thing", [1.0, 2.0, 3.0]))
+    pipeline.save(tmp_path / "map.ply")
+    state = ss.read_state(tmp_path / "map.ply")
+    assert len(state["names.id"]) > 0 and set(state["names.labels.json"]) == {"thing"}
+    assert state["names.embedding"].tolist() == [[1.0, 2.0, 3.0]] * len(state["names.id"])
+
+
+def test_other_files_are_refused(saved, tmp_path):
+    data = saved.read_bytes()
+    changed = tmp_path / "changed"
+
+    def refused(content):
+        changed.write_bytes(content)
+        with pytest.raises(ValueError, match="changed: ") as error:
+            ss.read_state(changed)
+        return str(error.value)
+
+    assert "checksum" in refused(data[:-9] + b"x" + data[-8:])
+    assert "not a splatseg memory" in refused(data.replace(b"comment splatseg", b"comment blender", 1))
+    assert "version 4" in refused(data.replace(b"memory 5", b"memory 4", 1))
+    assert "not a saved state" in refused(b"x" * 100)
+    header = json.dumps({"__metadata__": {"splatseg_state": "2"}}).encode()
+    assert "version 2" in refused(len(header).to_bytes(8, "little") + header)
+    with pytest.raises(OSError, match="missing"):
+        ss.read_state(tmp_path / "missing.ply")
