@@ -12,10 +12,10 @@
 //! - `writer` is text: the program that wrote the block.
 //!
 //! **Rule for changes.** Arrays that a program does not know are ignored, and so are unknown fields of JSON. Whatever is
-//! added must have a default that holds where it is missing. So something can be added without a new version, and is left out by older programs. What an
-//! array means never changes: a new meaning gets a new name. If older programs would misunderstand the rest without it,
-//! the version goes up. A program reads all versions up to its own, and refuses later ones with one line that names the
-//! program that wrote them.
+//! added must have a default that holds where it is missing. So something can be added without a new version, and older
+//! programs leave it out. What an array means never changes: a new meaning gets a new name. If older programs would
+//! misunderstand the rest, the version goes up. A program reads all versions up to its own, and refuses later ones with
+//! one line that names the program that wrote them.
 
 use crate::{MemoryLimit, display_bytes};
 use safetensors::SafeTensors;
@@ -272,7 +272,7 @@ impl StateBlock {
         }
         let wrong = |error: serde_json::Error| StateError::Array {
             name: name.to_owned(),
-            found: error.to_string(),
+            found: shown(&error.to_string()),
             expected: "the JSON that this program writes".to_owned(),
         };
         serde_json::from_slice(&self.get::<u8>(name, &[])?).map(Some).map_err(wrong)

@@ -129,9 +129,9 @@ mod tests {
     fn all_parts_of_the_text_are_converted() {
         let sketch = format!(r#"{{{CAMERA},"world_from_camera":{POSE},"depth":[1.5,0.0],"color":[[1,2,3],[4,5,6]]}}"#);
         let previous = format!(r#"{{"sketch":{sketch},"ids":[[3,2]],"motion":{POSE},"is_linked":true}}"#);
-        let recent = format!(
-            r#"{{"previous":{previous},"contradicting":[{sketch}],"far_frames":2,"unplaced":{{"width":2,"height":1,"runs":[[1,2]]}}}}"#
-        );
+        let unplaced = r#"{"width":2,"height":1,"runs":[[1,2]]}"#;
+        let recent =
+            format!(r#"{{"previous":{previous},"contradicting":[{sketch}],"far_frames":2,"unplaced":{unplaced}}}"#);
         let text = format!(
             r#"{{"ids":{{"given":9,"released":[[4,1],[2,0]]}},"recent":{recent},"anchors":[[0,5],[7,2]],
             "surfaces":[["observed",4],["assumed",3]],"together":[[1,[3,5]],[2,[5]]],"crowded":[8],"remapped":[[6,3]],

@@ -115,12 +115,14 @@ impl SplatMemory {
         Ok(memory)
     }
 
-    /// The camera's keyframes that a loaded file contains, bytes of a [`StateBlock`]; `None` if there are none, or they were taken already.
+    /// The camera's keyframes that a loaded file contains, bytes of a [`StateBlock`]. `None` if there are none, or they were
+    /// taken already.
     pub fn take_keyframes(&mut self) -> Option<Vec<u8>> {
         self.keyframes.take()
     }
 
-    /// The names of objects that a loaded file contains, bytes of a [`StateBlock`]; `None` if there are none, or they were taken already.
+    /// The names of objects that a loaded file contains, bytes of a [`StateBlock`]. `None` if there are none, or they were
+    /// taken already.
     pub fn take_names(&mut self) -> Option<Vec<u8>> {
         self.names.take()
     }

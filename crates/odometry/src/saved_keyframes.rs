@@ -18,7 +18,8 @@
 //! | `replaced` | `u32 [r, 2]` | dropped keyframes, each with the one that replaces it |
 //! | `replaced_pose` | `f64 [r, 4, 4]` | pose of the dropped one relative to that one |
 //! | `edges` | `u32 [e, 2]` | measured relative poses: from, to |
-//! | `edge_pose`, `edge_information` | `f64 [e, 4, 4]`, `f64 [e, 6, 6]` | pose of `to` in the coordinates of `from`; inverse covariance |
+//! | `edge_pose` | `f64 [e, 4, 4]` | pose of `to` in the coordinates of `from` |
+//! | `edge_information` | `f64 [e, 6, 6]` | inverse covariance |
 //! | `edge_kind` | `u8 [e]` | 0 tracked, 1 loop, 2 given |
 //! | `state.json` | text | searches for loops that are under way |
 //!

@@ -1,6 +1,7 @@
 //! A memory that is saved and continued behaves like one that never stopped.
 
 use glam::{Mat4, Vec3};
+use proptest::prelude::*;
 use splatseg_files::StateBlock;
 use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{
@@ -9,6 +10,7 @@ use splatseg_memory::{
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
+use std::sync::LazyLock;
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 48;
@@ -175,6 +177,49 @@ fn state_besides_the_gaussians_is_checked() {
         let error = SplatMemory::load(&path, settings.clone()).unwrap_err();
         assert!(matches!(&error, LoadMemoryError::SavedState { .. }), "change {index}: {error}");
         assert!(error.to_string().lines().count() == 1 && error.to_string().contains("memory.ply"), "{error}");
+    }
+}
+
+/// A saved memory with recent frames, and where its state begins.
+static SAVED: LazyLock<(Vec<u8>, usize)> = LazyLock::new(|| {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("memory.ply");
+    let mut memory = SplatMemory::new(settings(MemoryKind::Evidence, GrowthRule::Auto), 7, &mut |_| {}).unwrap();
+    take_in(&mut memory, 0..SAVED_AFTER);
+    memory.save(&path).unwrap();
+    let state = SplatFile::load(&path).unwrap().saved_state.to_bytes().unwrap();
+    let bytes = fs::read(&path).unwrap();
+    let start = bytes.len() - 4 - state.len();
+    assert_eq!(bytes[start..bytes.len() - 4], state);
+    (bytes, start)
+});
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn an_altered_state_with_a_correct_checksum_never_panics(
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+        in_header in any::<bool>(),
+    ) {
+        let (mut bytes, start) = SAVED.clone();
+        let end = bytes.len() - 4;
+        let length = if in_header { (end - start).min(2500) } else { end - start };
+        for (place, value) in changes {
+            bytes[start + place.index(length)] = value;
+        }
+        let checksum = crc32fast::hash(&bytes[..end]);
+        bytes[end..].copy_from_slice(&checksum.to_le_bytes());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("memory.ply");
+        fs::write(&path, &bytes).unwrap();
+        match SplatMemory::load(&path, settings(MemoryKind::Evidence, GrowthRule::Auto)) {
+            Ok(memory) => memory.save(&path).unwrap(),
+            Err(error) => {
+                let text = error.to_string();
+                prop_assert!(text.contains("memory.ply") && text.lines().count() == 1, "{}", text);
+            }
+        }
     }
 }
 

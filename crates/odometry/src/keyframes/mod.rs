@@ -1,8 +1,8 @@
 //! All keyframes of a map, and the search among them.
 //!
-//! A keyframe takes about 42 kB: luminance with depth, 19 kB, a small colour image, 17 kB, and features, 6 kB. Their number is bounded: beyond
-//! [`MAX_STORED`], the keyframe that is closest to another one is dropped, and what was attached to it is attached to
-//! that other one.
+//! A keyframe takes about 42 kB: luminance with depth 19 kB, a small colour image 17 kB, features 6 kB. Their number is
+//! bounded: beyond [`MAX_STORED`], the keyframe that is closest to another one is dropped, and what was attached to it is
+//! attached to that other one.
 
 mod compact_view;
 mod features;
