@@ -24,9 +24,9 @@ mod video_path;
 pub use listing::{MvpdVideo, MvpdVideos};
 pub(crate) use video_path::{looks_like, parts};
 
-use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, SEGMENT_IMAGE};
 use crate::decode::{decode_color, decode_depth, decode_panoptic, encoded_size};
 use crate::depth_scale::DepthScale;
+use crate::error::{COLOR_IMAGE, DEPTH_IMAGE, SEGMENT_IMAGE};
 use crate::own_camera::{OwnCamera, camera_place};
 use crate::recorded_poses::{PoseCoverage, tracked};
 use crate::scene::{FramePart, FrameParts, entry, require_registered};

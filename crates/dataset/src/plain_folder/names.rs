@@ -6,6 +6,9 @@ use crate::stamps::{Stamp, TimeScale, TimeUnit};
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
+/// Folders of the images.
+pub(super) const COLOR_FOLDER: &str = "color";
+pub(super) const DEPTH_FOLDER: &str = "depth";
 /// Digits of a time since 1970 in other units than seconds. ROS names files by nanoseconds.
 const DIGITS: [(usize, TimeUnit); 3] =
     [(13, TimeUnit::Milliseconds), (16, TimeUnit::Microseconds), (19, TimeUnit::Nanoseconds)];

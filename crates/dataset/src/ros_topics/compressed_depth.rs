@@ -5,8 +5,9 @@
 //! `a / (n − b)` metres, with `a` and `b` among the parameters; 0 is missing.
 
 use crate::DatasetError;
-use crate::decode::{DEPTH_IMAGE, MAX_PIXELS, decode_grey16, require_decoding_memory};
+use crate::decode::{MAX_PIXELS, decode_grey16, require_decoding_memory};
 use crate::depth_scale::DepthScale;
+use crate::error::DEPTH_IMAGE;
 use splatseg_geometry::Image;
 use std::path::Path;
 

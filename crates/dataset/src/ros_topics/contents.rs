@@ -2,9 +2,9 @@
 
 use super::cameras::Calibration;
 use super::clock::{Order, Recorded, Stamped, Timeline};
-use super::corrections::PathPoses;
 use super::frame_names::{frame_name, one_line};
 use super::images::{ImageKind, compressed_kind, compressed_size, raw_kind};
+use super::paths::PathPoses;
 use super::poses::{PoseType, Poses, rigid_of_transform};
 use super::transform_tree::TransformTree;
 use super::transforms::{Instant, Sample};

@@ -146,7 +146,7 @@ impl<'a> FrameMaker<'a> {
     /// Returns the source of poses in `/tf`, and its description.
     fn tree_source(&self, camera: &str) -> Result<(PoseSource, String), DatasetError> {
         let tree = &self.contents.tree;
-        let listed = |frames: Vec<&str>| super::choice::listed(frames.into_iter().map(str::to_owned).collect());
+        let listed = |frames: Vec<&str>| super::frame_names::listed(frames.into_iter().map(str::to_owned).collect());
         let TreePoses { body, world, route, remark, candidates } = tree_poses(self.contents, self.settings, camera);
         if self.settings.world_frame.is_none() && !candidates.is_empty() {
             let found = format!("{camera:?}, relative to which these move: {}", listed(candidates));

@@ -256,13 +256,13 @@ struct ImageDecoder<T: Clone + 'static> {
 }
 
 const COLOR: ImageDecoder<[u8; 3]> = ImageDecoder {
-    what: crate::decode::COLOR_IMAGE,
+    what: crate::error::COLOR_IMAGE,
     raw: |message, _, path| images::raw_color(message, path),
     compressed: |message, _, path| images::compressed_color(message, path),
     undistort: |map, image, path| map.color(image, path),
 };
 const DEPTH: ImageDecoder<f32> = ImageDecoder {
-    what: crate::decode::DEPTH_IMAGE,
+    what: crate::error::DEPTH_IMAGE,
     raw: images::raw_depth,
     compressed: images::compressed_depth,
     undistort: |map, image, path| map.depth(image, path),

@@ -4,8 +4,9 @@
 
 use super::labels::InstanceLabels;
 use super::{Camera, Cameras};
-use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, image_size, read_color, read_depth};
+use crate::decode::{image_size, read_color, read_depth};
 use crate::depth_scale::DepthScale;
+use crate::error::{COLOR_IMAGE, DEPTH_IMAGE};
 use crate::files::is_there;
 use crate::listing::{
     NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files, pose_coverage,

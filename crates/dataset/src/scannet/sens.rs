@@ -3,9 +3,10 @@
 use super::labels::InstanceLabels;
 use super::sens_file::{ColorCompression, DepthCompression, SensFile, SensHeader};
 use super::{Camera, Cameras};
-use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_DEFLATE_RATIO, MAX_PIXELS};
+use crate::decode::{MAX_DEFLATE_RATIO, MAX_PIXELS};
 use crate::decode::{decode_color, require_decoding_memory};
 use crate::depth_scale::DepthScale;
+use crate::error::{COLOR_IMAGE, DEPTH_IMAGE};
 use crate::own_camera::OwnCamera;
 use crate::plausibility::warn_once;
 use crate::recorded_poses::{LOST, PoseCoverage, tracked};
