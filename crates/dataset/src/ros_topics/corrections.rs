@@ -6,7 +6,6 @@ use super::frame_names::{bare_frame, listed};
 use super::frames::{FrameMaker, PairedFrame};
 use super::paths::PathPoses;
 use super::transforms::Rigid;
-use super::world::tree_poses;
 use crate::DatasetError;
 use crate::corrections::CorrectionList;
 
@@ -28,7 +27,7 @@ impl<'a> FrameMaker<'a> {
         if self.choice.color.1.timeline.stretches.len() > 1 {
             return nothing(format!("the clock was set back, so that the times in {} are ambiguous", topic.name));
         }
-        let Some(world) = self.world_of_poses() else {
+        let Some(world) = self.world_frame() else {
             return nothing("the frames have no poses to correct".to_owned());
         };
         let tree = &self.contents.tree;
@@ -67,16 +66,6 @@ impl<'a> FrameMaker<'a> {
                     self.error("dataset.corrections", format!("{name:?}"), expected)
                 })
             }
-        }
-    }
-
-    /// Returns the coordinate frame of the frames' poses; `None` if they have none.
-    fn world_of_poses(&self) -> Option<&str> {
-        let camera = self.choice.color.1.frame.as_str();
-        match self.choice.pose {
-            PoseChoice::Tree => Some(tree_poses(self.contents, self.settings, camera).world),
-            PoseChoice::Topic(_, poses) => Some(&poses.world),
-            PoseChoice::None(_) => None,
         }
     }
 
