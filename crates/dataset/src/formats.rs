@@ -169,8 +169,13 @@ fn incomplete(entry: &FormatEntry, path: &Path) -> Option<(f64, DatasetError)> {
     }
     let fraction = found.len() as f64 / (found.len() + missing.len()) as f64;
     let names = |parts: Vec<(&str, bool)>| parts.into_iter().map(|(part, _)| part).collect::<Vec<_>>().join(", ");
-    let (format, found, missing) = (entry.format.name(), names(found), names(missing));
-    Some((fraction, DatasetError::Incomplete { path: path.to_owned(), format, found, missing }))
+    let error = DatasetError::Incomplete {
+        path: path.to_owned(),
+        format: entry.format.name(),
+        found: names(found),
+        missing: names(missing),
+    };
+    Some((fraction, error))
 }
 
 fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError> {
@@ -199,7 +204,8 @@ fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<
         }
         .into());
     }
-    let (scene, format) = ((entry.open)(path, settings)?, settings.pose_format());
+    let scene = (entry.open)(path, settings)?;
+    let format = settings.pose_format();
     // 7-Scenes converts poses before it moves them to the colour camera.
     if format.is_default() || entry.format == Format::SevenScenes {
         return Ok(scene);

@@ -88,7 +88,8 @@ impl Chunk {
     }
 
     fn unpack_zstd(&self, stored: &[u8]) -> Result<Vec<u8>, String> {
-        let (mut rest, mut content) = (stored, Vec::new());
+        let mut rest = stored;
+        let mut content = Vec::new();
         // Usually one zstd frame. Data after the last one is padding.
         while (content.len() as u64) < self.unpacked && !rest.is_empty() {
             let decoder = StreamingDecoder::new(&mut rest).map_err(|error| format!("damaged zstd data: {error}"))?;

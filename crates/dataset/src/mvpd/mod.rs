@@ -251,8 +251,13 @@ impl Scene for MvpdScene {
         let color = self.files.read(&color_file, COLOR_IMAGE)?;
         let expected = encoded_size(&self.files.path_of(&color_file), COLOR_IMAGE, &color)?;
         if stored.size() != expected {
-            let (what, found, expected_from) = (SEGMENT_IMAGE, stored.size(), "its colour image");
-            return Err(DatasetError::SizesDiffer { path, what, found, expected, expected_from });
+            return Err(DatasetError::SizesDiffer {
+                path,
+                what: SEGMENT_IMAGE,
+                found: stored.size(),
+                expected,
+                expected_from: "its colour image",
+            });
         }
         let Some(instances) = &mask.instances else { return Ok(Some(stored)) };
         let unknown = stored.areas().into_keys().find(|id| !instances.contains_key(id));

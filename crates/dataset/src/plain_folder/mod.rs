@@ -69,11 +69,11 @@ impl FolderScene {
         let own_camera = OwnCamera::from_settings(settings)?;
         let (color, depth) = list_images(folder)?;
         let camera = CameraSource::of(folder, own_camera, settings)?;
-        let path = folder.join(POSES);
-        let has_list = is_there(&path);
-        let poses =
-            if has_list { poses_of(&color, read_pose_list(&path)?, &path)? } else { vec![None; color.images.len()] };
-        let (frames, left_out) = frames_of(&color, &depth, &poses);
+        let list = folder.join(POSES);
+        let has_list = is_there(&list);
+        let listed =
+            if has_list { poses_of(&color, read_pose_list(&list)?, &list)? } else { vec![None; color.images.len()] };
+        let (frames, left_out) = frames_of(&color, &depth, &listed);
         let first = frames.first().ok_or_else(|| no_frames(folder, &color, &depth))?;
         let first_size = image_size(&first.color, COLOR_IMAGE).map(|size| (first.color.clone(), size));
         let (camera, size_from) = match camera {
@@ -82,13 +82,21 @@ impl FolderScene {
                 (FolderCamera::without_file(own.intrinsics(size_of_images(&frames)?), settings), "the first image")
             }
         };
-        let path = folder.join(CORRECTIONS);
+        let list = folder.join(CORRECTIONS);
         let corrections =
-            if is_there(&path) { read_corrections(&path, &color, &frames)? } else { CorrectionList::default() };
-        let poses = if has_list { coverage(&frames) } else { PoseCoverage::NONE };
-        let (name, folder, undistortion) = (folder_name(folder), folder.to_owned(), OnceLock::new());
-        let scene =
-            Self { name, folder, frames, poses, corrections, camera, own_camera, size_from, undistortion, left_out };
+            if is_there(&list) { read_corrections(&list, &color, &frames)? } else { CorrectionList::default() };
+        let scene = Self {
+            name: folder_name(folder),
+            folder: folder.to_owned(),
+            poses: if has_list { coverage(&frames) } else { PoseCoverage::NONE },
+            frames,
+            corrections,
+            camera,
+            own_camera,
+            size_from,
+            undistortion: OnceLock::new(),
+            left_out,
+        };
         // A wrong size in camera.json is reported once, not for every frame. A damaged image is reported when its frame
         // is read.
         if let Ok((path, size)) = first_size {
@@ -102,8 +110,13 @@ impl FolderScene {
         if found == expected {
             return Ok(());
         }
-        let (path, what, expected_from) = (path.to_owned(), COLOR_IMAGE, self.size_from);
-        Err(DatasetError::SizesDiffer { path, what, found, expected, expected_from })
+        Err(DatasetError::SizesDiffer {
+            path: path.to_owned(),
+            what: COLOR_IMAGE,
+            found,
+            expected,
+            expected_from: self.size_from,
+        })
     }
 
     /// Returns the undistortion map; `None` if the lens does not distort. Call only once an image of the camera's size

@@ -39,7 +39,8 @@ impl Images {
     pub(super) fn list(folder: &Path, endings: &[&str]) -> Result<Self, DatasetError> {
         // Read here only for the error: an unreadable folder must not look like an empty one.
         std::fs::read_dir(folder).map_err(|source| DatasetError::Io { path: folder.to_owned(), source })?;
-        let (mut images, mut unreadable) = (Vec::new(), 0);
+        let mut images = Vec::new();
+        let mut unreadable = 0;
         for name in all_names_in(folder) {
             let Some(name) = name.to_str() else {
                 unreadable += 1;

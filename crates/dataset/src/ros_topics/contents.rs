@@ -189,9 +189,17 @@ impl Contents {
         self.add_memory(2 * (key.0.len() + key.1.len()) as u64 + TOPIC_BYTES)?;
         let (name, type_name) = key.clone();
         let content = if encoding == "cdr" { Content::for_topic(&name, &type_name) } else { Content::Other };
-        let (encoding, messages, index) = (one_line(encoding), 0, self.topics.len());
-        let (recorded, goes_back, unreadable) = (None, false, None);
-        self.topics.push(Topic { name, type_name, encoding, messages, recorded, goes_back, unreadable, content });
+        let index = self.topics.len();
+        self.topics.push(Topic {
+            name,
+            type_name,
+            encoding: one_line(encoding),
+            messages: 0,
+            recorded: None,
+            goes_back: false,
+            unreadable: None,
+            content,
+        });
         self.known.insert(key, index);
         Ok(index)
     }

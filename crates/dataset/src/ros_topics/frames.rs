@@ -277,8 +277,9 @@ impl<'a> FrameMaker<'a> {
     /// # Errors
     /// If no colour image has a depth image, or there is a source of poses and no frame has one.
     pub(crate) fn frames(&self, source: &PoseSource, cameras: (&Cameras, &Cameras)) -> Result<Frames, DatasetError> {
-        let ((color_topic, color), (depth_topic, depth)) = (self.choice.color, self.choice.depth);
-        let (color, depth) = (&color.timeline, &depth.timeline);
+        let (color_topic, color_images) = self.choice.color;
+        let (depth_topic, depth_images) = self.choice.depth;
+        let (color, depth) = (&color_images.timeline, &depth_images.timeline);
         let limit_ms = self.settings.max_time_difference_ms;
         let pairs = self.pairs();
         let frame = |(color, depth): &(StampedPlace, StampedPlace)| {

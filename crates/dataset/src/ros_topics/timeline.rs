@@ -51,8 +51,14 @@ pub(crate) struct Timeline<T> {
 
 impl<T> Default for Timeline<T> {
     fn default() -> Self {
-        let (order, clock) = (Order::default(), StreamClock::default());
-        Self { order, stretches: Vec::new(), misfits: 0, duplicates: 0, recorded: Vec::new(), clock }
+        Self {
+            order: Order::default(),
+            stretches: Vec::new(),
+            misfits: 0,
+            duplicates: 0,
+            recorded: Vec::new(),
+            clock: StreamClock::default(),
+        }
     }
 }
 

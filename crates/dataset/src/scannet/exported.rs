@@ -68,8 +68,8 @@ impl ScannetScene {
         let poses = pose_coverage(&frames, &folder.join("pose"), POSE);
         let cameras = read_cameras(folder, settings)?;
         let labels = InstanceLabels::in_folder(folder, &name)?;
-        let (folder, depth_scale) = (folder.to_owned(), DepthScale::MILLIMETRES.or_of(settings));
-        Ok(Self { name, folder, frames, cameras, depth_scale, poses, labels, left_out })
+        let depth_scale = DepthScale::MILLIMETRES.or_of(settings);
+        Ok(Self { name, folder: folder.to_owned(), frames, cameras, depth_scale, poses, labels, left_out })
     }
 
     fn depth_path(&self, file: &NumberedFile) -> PathBuf {

@@ -206,8 +206,8 @@ impl Scene for SensScene {
         let depth = depth_of(&stored.depth, self.file.header(), self.depth_scale, &path)?;
         let color = color_of(&stored.color, self.file.header(), &path)?;
         let (intrinsics, color) = self.cameras.color_at_depth(color, depth.size())?;
-        let (name, timestamp) = (self.frame_name(index), header.timestamp);
-        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+        let name = self.frame_name(index);
+        FrameParts { name, timestamp: header.timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()
     }
 
     fn has_poses(&self) -> bool {
