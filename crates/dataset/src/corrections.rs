@@ -1,6 +1,5 @@
 //! Corrected poses of earlier frames, by the frame with which they become known.
 
-use crate::CorrectedPose;
 use glam::DQuat;
 use splatseg_geometry::Pose;
 use std::collections::BTreeMap;
@@ -10,6 +9,15 @@ use std::ops::Range;
 const MIN_SHIFT: f64 = 1e-3;
 /// ...and degrees.
 const MIN_TURN: f64 = 0.05;
+
+/// A pose of an earlier frame, corrected by the program that recorded the poses, e.g. when it closed a loop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CorrectedPose {
+    /// Index of the corrected frame in its source.
+    pub frame: usize,
+    /// Its corrected pose.
+    pub world_from_camera: Pose,
+}
 
 /// The corrected poses of a scene.
 #[derive(Debug, Default)]

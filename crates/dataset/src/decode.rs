@@ -2,6 +2,7 @@
 
 use crate::DatasetError;
 use crate::depth_scale::DepthScale;
+use crate::error::{COLOR_IMAGE, DEPTH_IMAGE, SEGMENT_IMAGE};
 use crate::files::{MemoryRequirement, read_file};
 use image::error::{DecodingError, ImageFormatHint};
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
@@ -23,13 +24,6 @@ const DECODING_BYTES_PER_PIXEL: u64 = 16;
 const MAX_CHUNK_BYTES: u64 = 4 << 20;
 /// Maximum number of pixels per byte of a file. A PNG pixel may have only one bit, and JPEG cannot do better.
 const MAX_PIXELS_PER_BYTE: u64 = 8 * MAX_DEFLATE_RATIO;
-
-/// Name of colour images in errors.
-pub(crate) const COLOR_IMAGE: &str = "colour image";
-/// Name of depth images in errors.
-pub(crate) const DEPTH_IMAGE: &str = "depth image";
-/// Name of segment images in errors.
-pub(crate) const SEGMENT_IMAGE: &str = "segment image";
 
 /// Colour types in a PNG header.
 const GREY: u8 = 0;

@@ -1,7 +1,8 @@
 //! Summary of a scene, printed before its frames are processed.
 
 use crate::plausibility::warn_once;
-use crate::{DatasetSettings, Format, LeftOut, Scene, StreamedFrame};
+use crate::{DatasetSettings, Format, LeftOut, Scene};
+use splatseg_geometry::CameraFrame;
 use std::fmt;
 
 /// Summary of the data read by a stream of frames. `Display` writes one line, plus one for each source and each kind of
@@ -55,17 +56,18 @@ impl SceneDescription {
         }
     }
 
-    /// Adds the sizes and depth range of the first good frame. `original_size` is its size before framing.
+    /// Adds the sizes and depth range of the first good frame, which has an index in the scene. `original_size` is its size
+    /// before framing.
     pub(crate) fn add_first_frame(
         &mut self,
         scene: &dyn Scene,
-        first: &StreamedFrame,
+        (index, first): (usize, &CameraFrame<'_>),
         original_size: Option<(usize, usize)>,
     ) {
-        self.color_size = scene.stored_color_size(first.index).or(original_size);
+        self.color_size = scene.stored_color_size(index).or(original_size);
         self.original_size = original_size;
-        self.frame_size = Some((first.frame.width(), first.frame.height()));
-        let measured = first.frame.depth().pixels().iter().filter(|depth| **depth > 0.0);
+        self.frame_size = Some((first.width(), first.height()));
+        let measured = first.depth().pixels().iter().filter(|depth| **depth > 0.0);
         self.depth_range_m = measured.fold(None, |range, depth| {
             let (nearest, farthest) = range.unwrap_or((*depth, *depth));
             Some((depth.min(nearest), depth.max(farthest)))

@@ -7,6 +7,12 @@ use thiserror::Error;
 
 /// Maximum number of names listed in a message.
 pub(crate) const NAMES_IN_MESSAGES: usize = 5;
+/// Name of colour images in errors.
+pub(crate) const COLOR_IMAGE: &str = "colour image";
+/// Name of depth images in errors.
+pub(crate) const DEPTH_IMAGE: &str = "depth image";
+/// Name of segment images in errors.
+pub(crate) const SEGMENT_IMAGE: &str = "segment image";
 
 /// Error reading a scene or one of its frames.
 #[derive(Debug, Error)]

@@ -1,64 +1,16 @@
-//! The formats: names, the table of how each is opened, and detection of a path's format. A new format is added here.
+//! The table of how each format is opened, and detection of a path's format. A new format is added here, and its name in
+//! `format_names.rs`.
 
 use crate::depth_scale::require_no_depth_scale;
 use crate::own_camera::OwnCamera;
 use crate::pose_convention::ConvertedPoses;
 use crate::synthetic::{self, SyntheticScene};
-use crate::{DatasetError, DatasetSettings, DepthRegistration, Scene};
+use crate::{DatasetError, DatasetSettings, DepthRegistration, Format, Scene};
 use crate::{FolderScene, McapScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
 use crate::{mcap, mvpd, plain_folder, replica, scannet, sevenscenes, tum};
-use splatseg_settings::{Choice, SettingError, choices};
+use splatseg_settings::SettingError;
 use std::path::Path;
-use std::str::FromStr;
 use std::sync::Arc;
-use thiserror::Error;
-
-choices! {
-    /// The format of a scene.
-    pub enum Format, default Auto {
-        /// Detected from the scene's files.
-        Auto = "auto",
-        /// A 7-Scenes sequence.
-        SevenScenes = "7scenes",
-        /// A ScanNet scene exported to folders.
-        Scannet = "scannet",
-        /// A ScanNet recording in its published container, `<scene>.sens`, or a folder containing one.
-        Sens = "sens",
-        /// A TUM RGB-D sequence.
-        Tum = "tum",
-        /// A Replica scene in the layout of NICE-SLAM.
-        Replica = "replica",
-        /// An MVPd video, in a split's folder or a scene's `.tar.gz`. Choose one of several videos by name, as
-        /// `FOLDER:VIDEO`, `FOLDER/imagesRGB/VIDEO` or `SCENE.tar.gz:VIDEO`.
-        Mvpd = "mvpd",
-        /// A plain folder with `color/` and `depth/`, and `camera.json` and `poses.txt` if there are any, described in
-        /// FOLDER_FORMAT.md.
-        Folder = "folder",
-        /// A ROS 2 recording in an MCAP file, or a folder containing one, as written by rosbag2.
-        Mcap = "mcap",
-        /// The built-in synthetic room.
-        Synthetic = "synthetic",
-    }
-}
-
-/// Error parsing the name of a format.
-#[derive(Clone, Debug, Error, PartialEq, Eq)]
-#[error("format: found {found:?}, expected one of {expected}")]
-pub struct FormatNameError {
-    /// The text.
-    pub found: String,
-    /// Names of the formats.
-    pub expected: String,
-}
-
-impl FromStr for Format {
-    type Err = FormatNameError;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Self::from_name(text)
-            .ok_or_else(|| FormatNameError { found: text.to_owned(), expected: Self::NAMES.join(", ") })
-    }
-}
 
 /// Function that opens a scene of one format.
 type OpenScene = fn(&Path, &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError>;
@@ -76,7 +28,8 @@ struct FormatEntry {
     open: OpenScene,
 }
 
-/// All formats, in the order in which they are tried. To add one, add a row here and a variant of [`Format`].
+/// All formats, in the order in which they are tried. To add one, add a row here and a variant of [`Format`] in
+/// `format_names.rs`.
 const FORMATS: &[FormatEntry] = &[
     FormatEntry {
         format: Format::SevenScenes,
@@ -216,8 +169,13 @@ fn incomplete(entry: &FormatEntry, path: &Path) -> Option<(f64, DatasetError)> {
     }
     let fraction = found.len() as f64 / (found.len() + missing.len()) as f64;
     let names = |parts: Vec<(&str, bool)>| parts.into_iter().map(|(part, _)| part).collect::<Vec<_>>().join(", ");
-    let (format, found, missing) = (entry.format.name(), names(found), names(missing));
-    Some((fraction, DatasetError::Incomplete { path: path.to_owned(), format, found, missing }))
+    let error = DatasetError::Incomplete {
+        path: path.to_owned(),
+        format: entry.format.name(),
+        found: names(found),
+        missing: names(missing),
+    };
+    Some((fraction, error))
 }
 
 fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError> {
@@ -246,7 +204,8 @@ fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<
         }
         .into());
     }
-    let (scene, format) = ((entry.open)(path, settings)?, settings.pose_format());
+    let scene = (entry.open)(path, settings)?;
+    let format = settings.pose_format();
     // 7-Scenes converts poses before it moves them to the colour camera.
     if format.is_default() || entry.format == Format::SevenScenes {
         return Ok(scene);
@@ -269,20 +228,4 @@ fn check_path(path: &Path) -> Result<(), DatasetError> {
         return Err(DatasetError::EmptyFolder { path: path.to_owned() });
     }
     Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_are_the_same_in_text_and_serde() {
-        for format in Format::ALL.iter().copied() {
-            assert_eq!(format.to_string().parse(), Ok(format));
-            assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
-        }
-        let error = "kitti".parse::<Format>().unwrap_err();
-        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, synthetic";
-        assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
-    }
 }

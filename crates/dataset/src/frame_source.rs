@@ -1,6 +1,6 @@
 //! Ordered streams of frames: recordings, and cameras.
 
-use crate::{FrameReadError, SceneDescription};
+use crate::{CorrectedPose, FrameReadError, SceneDescription};
 use splatseg_geometry::{CameraFrame, Pose, RgbdFrame, SegmentMap};
 
 /// An ordered stream of frames, such as a [`FrameStream`](crate::FrameStream) of a recorded scene. A frame that cannot be
@@ -13,15 +13,6 @@ pub trait FrameSource: Iterator<Item = Result<StreamedFrame, FrameReadError>> {
 
     /// Returns the format, number and size of the frames, as far as they are known.
     fn description(&self) -> &SceneDescription;
-}
-
-/// A pose of an earlier frame, corrected by the program that recorded the poses, e.g. when it closed a loop.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CorrectedPose {
-    /// Index of the corrected frame in its source.
-    pub frame: usize,
-    /// Its corrected pose.
-    pub world_from_camera: Pose,
 }
 
 /// One frame of a stream, resized and cropped as the settings say.

@@ -3,8 +3,8 @@
 //!
 //! [`open_scene`] detects a scene's format. [`FrameStream`] reads its frames ahead in the background, selected, resized
 //! and cropped as [`DatasetSettings`] specifies. [`FrameMatcher`] makes frames of ROS 2 messages while they arrive. A
-//! [`Preset`] holds the settings of a benchmark. To add a format, implement [`Scene`] in a new file or folder and add one
-//! row to the table in `formats.rs`.
+//! [`Preset`] holds the settings of a benchmark. To add a format, implement [`Scene`] in a new file or folder, and add its
+//! name to `format_names.rs` and one row to the table in `formats.rs`.
 
 mod archive;
 mod corrections;
@@ -14,6 +14,7 @@ mod depth_scale;
 mod description;
 mod error;
 mod files;
+mod format_names;
 mod formats;
 mod frame_checks;
 mod frame_source;
@@ -45,12 +46,14 @@ mod text;
 mod tum;
 mod undistort;
 
+pub use corrections::CorrectedPose;
 pub use decode::{read_color_image, read_segments_png};
 pub use depth_registration::DepthRegistration;
 pub use description::SceneDescription;
 pub use error::{DatasetError, FrameReadError};
-pub use formats::{Format, FormatNameError, open_scene, supported_formats};
-pub use frame_source::{CorrectedPose, FrameSource, StreamedFrame};
+pub use format_names::{Format, FormatNameError};
+pub use formats::{open_scene, supported_formats};
+pub use frame_source::{FrameSource, StreamedFrame};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};
 pub use live::{CoordinateFrames, DropCounts, FrameMatcher, MatchCounts, MatchLimits, UndecodedFrame};
 pub use mcap::{McapFrames, McapScene, McapSummary, McapTopic, RecordedMessage, read_messages};

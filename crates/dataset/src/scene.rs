@@ -1,6 +1,6 @@
 //! The interface that every format implements, and the assembly of frames from their parts.
 
-use crate::decode::DEPTH_IMAGE;
+use crate::error::DEPTH_IMAGE;
 use crate::{CorrectedPose, DatasetError, Format};
 use splatseg_geometry::{CameraFrame, Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::fmt::Debug;

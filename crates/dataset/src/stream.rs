@@ -86,7 +86,11 @@ impl FrameStream {
                 Err(error) if error.source.affects_all_frames() => return Err(*error.source),
                 Ok(streamed) => {
                     job.check_intrinsics(*index)?;
-                    description.add_first_frame(scene.as_ref(), &streamed, job.checks.original_size);
+                    description.add_first_frame(
+                        scene.as_ref(),
+                        (streamed.index, &streamed.frame),
+                        job.checks.original_size,
+                    );
                     first.push(Ok(streamed));
                     break;
                 }

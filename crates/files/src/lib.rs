@@ -4,7 +4,8 @@
 //! only regular files, so that no FIFO blocks the program and no device is read forever. The sizes stated in a file are
 //! checked against the [`MemoryLimit`] before memory is allocated.
 //!
-//! [`text_of`] reads text as other systems write it, with a byte order mark or as UTF-16.
+//! [`text_of`] reads text as other systems write it, with a byte order mark or as UTF-16; [`csv_cell`] writes it for
+//! spreadsheets.
 //!
 //! A [`StateBlock`] holds what is saved to be continued later: named arrays, in the form of a safetensors file.
 //!
@@ -22,4 +23,4 @@ pub use atomic_file::{AtomicFile, remove_leftovers, sync_file_system, write_atom
 pub use memory_limit::{ByteSizeTextError, MemoryLimit, address_space_limit, display_bytes};
 pub use regular_file::{open_file, read_file};
 pub use state_block::{StateBlock, StateError, StateNumber};
-pub use text::{TextError, has_decimal_commas, is_number_with_comma, text_of, utf8_bytes, without_mark};
+pub use text::{TextError, csv_cell, has_decimal_commas, is_number_with_comma, text_of, utf8_bytes, without_mark};

@@ -94,6 +94,18 @@ fn looks_like_utf16(bytes: &[u8]) -> bool {
     all(|[low, high]| *low != 0 && *high == 0) || all(|[high, low]| *low != 0 && *high == 0)
 }
 
+/// Returns a text as a cell of comma-separated values: in quotes if RFC 4180 requires it.
+///
+/// ```
+/// use splatseg_files::csv_cell;
+/// assert_eq!(csv_cell("dev-a"), "dev-a");
+/// assert_eq!(csv_cell("synthetic:frames=3,seed=1"), "\"synthetic:frames=3,seed=1\"");
+/// assert_eq!(csv_cell("a\"b"), "\"a\"\"b\"");
+/// ```
+pub fn csv_cell(text: &str) -> String {
+    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -106,7 +106,7 @@ impl DeviceName {
 /// Opens devices whose drivers may be missing.
 #[cfg(any(feature = "gpu", feature = "cuda", feature = "vulkan", feature = "metal"))]
 mod gpu {
-    use super::{DeviceError, DeviceName, catch_panic_message};
+    use super::{DeviceError, DeviceName, catch_panic_message, root_cause};
     use burn::tensor::{Device, Tensor};
 
     /// Opens and tests the default adapter of a graphics interface, if there is one.
@@ -135,7 +135,7 @@ mod gpu {
             }
         });
         outcome.map_err(|message| {
-            let message = crate::device_error::root_cause(&message);
+            let message = root_cause(&message);
             let message = if message.is_empty() { "the driver gave no reason".to_owned() } else { message };
             DeviceError::Unusable { name: name.name(), message }
         })
@@ -166,6 +166,21 @@ pub(crate) fn is_cpu(device: &Device) -> bool {
     burn::tensor::Tensor::<1>::empty([1], device).try_into_primitive::<burn::backend::Flex>().is_ok()
 }
 
+/// Extracts the root cause of a device's error, on one line, without the chain of computations that it made fail.
+#[cfg(feature = "networks")]
+pub(crate) fn root_cause(message: &str) -> String {
+    const NO_ROOM: &str = "can't allocate buffer of size: ";
+    let size =
+        message.split(NO_ROOM).nth(1).map(|rest| rest.chars().take_while(char::is_ascii_digit).collect::<String>());
+    if let Some(bytes) = size.and_then(|digits| digits.parse::<u64>().ok()) {
+        return format!("not enough memory for a buffer of {}", splatseg_files::display_bytes(bytes));
+    }
+    let last = message.rsplit("Caused by:").next().unwrap_or(message);
+    let lines =
+        last.lines().map(str::trim).take_while(|line| !line.starts_with("Asked at") && !line.contains("backtrace"));
+    lines.filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -192,5 +207,20 @@ mod tests {
         });
         assert_eq!(waiting, Err("no adapter".to_owned()));
         assert_eq!(catch_panic_message(|| Ok(3)), Ok(3));
+    }
+
+    /// The message of Burn 0.22 for a buffer that is too large for the device.
+    #[cfg(feature = "networks")]
+    const CHAIN: &str = "An error happened during execution\nCaused by:\n  Several failures at once\nCaused by:\n  The \
+        bytes were never written\n  skipped `KernelBinop`\nCaused by:\n  An IO error happened\nCaused by:\n  can't \
+        allocate buffer of size: 176160768\nNo backtrace available\nAsked at:\nNo backtrace available";
+
+    #[cfg(feature = "networks")]
+    #[test]
+    fn the_root_cause_is_the_last_of_the_chain() {
+        assert_eq!(root_cause(CHAIN), "not enough memory for a buffer of 176 MB");
+        let lost = CHAIN.replace("can't allocate buffer of size: 176160768", "Parent device is lost");
+        assert_eq!(root_cause(&lost), "Parent device is lost");
+        assert_eq!(root_cause("no adapter\n"), "no adapter");
     }
 }

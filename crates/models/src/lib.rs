@@ -7,8 +7,6 @@ pub mod completeness;
 pub mod convolution;
 pub mod device;
 #[cfg(feature = "networks")]
-mod device_error;
-#[cfg(feature = "networks")]
 pub mod fastsam;
 #[cfg(feature = "networks")]
 pub mod sam2;

@@ -1,7 +1,6 @@
 //! Transfers between the host and another device. All transfers of the networks go through here and are counted.
 
-use crate::device::is_cpu;
-use crate::device_error::root_cause;
+use crate::device::{is_cpu, root_cause};
 use burn::tensor::{Device, Tensor, TensorData, Transaction};
 use std::cell::Cell;
 

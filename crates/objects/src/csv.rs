@@ -1,6 +1,7 @@
 //! The list of objects as a table.
 
 use crate::{FrameStamp, Object, ObjectList, ObjectState};
+use splatseg_files::csv_cell;
 use std::fmt::Display;
 
 /// The columns; `docs/OBJECTS.md` describes them.
@@ -69,7 +70,7 @@ fn cells_of(object: &Object) -> Vec<String> {
         ObjectState::Tentative => "tentative",
         ObjectState::Forgotten => "forgotten",
     });
-    let mut cells = vec![object.id.to_string(), cell(object.label.as_deref().map(quoted)), cell(state)];
+    let mut cells = vec![object.id.to_string(), cell(object.label.as_deref().map(csv_cell)), cell(state)];
     cells.extend([object.frames.to_string(), cell(object.confidence)]);
     for frame in [&object.first_frame, &object.last_frame] {
         cells.extend(frame_cells(frame.as_ref()));
@@ -92,14 +93,14 @@ fn cells_of(object: &Object) -> Vec<String> {
     let inner = view.map(|view| view.bounding_box);
     cells.extend([inner.map(|inner| inner.x), inner.map(|inner| inner.y)].map(cell));
     cells.extend([inner.map(|inner| inner.width), inner.map(|inner| inner.height)].map(cell));
-    cells.push(cell(view.and_then(|view| view.crop.as_deref()).map(quoted)));
+    cells.push(cell(view.and_then(|view| view.crop.as_deref()).map(csv_cell)));
     cells.push(cell(shape.map(|shape| shape.completed_points)));
     cells
 }
 
 /// Number and name of a frame.
 fn frame_cells(frame: Option<&FrameStamp>) -> [String; 2] {
-    [cell(frame.map(|frame| frame.number)), cell(frame.and_then(|frame| frame.name.as_deref()).map(quoted))]
+    [cell(frame.map(|frame| frame.number)), cell(frame.and_then(|frame| frame.name.as_deref()).map(csv_cell))]
 }
 
 fn vector_cells<T: Copy + Display>(vector: Option<[T; 3]>) -> [String; 3] {
@@ -108,8 +109,4 @@ fn vector_cells<T: Copy + Display>(vector: Option<[T; 3]>) -> [String; 3] {
 
 fn cell(value: Option<impl Display>) -> String {
     value.map(|value| value.to_string()).unwrap_or_default()
-}
-
-fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
 }

@@ -3,6 +3,7 @@
 use crate::columns::{COLUMN_KEYS, FRAME_COLUMN_KEYS, MESH_COLUMN_KEYS, SIZE_COLUMN_KEYS};
 use crate::columns::{columns, frame_columns, mesh_columns, size_columns};
 use crate::{Benchmark, Measurement};
+use splatseg_files::csv_cell;
 use splatseg_metrics::{Scores, SizeClass};
 
 /// The measurements, below a line of column names.
@@ -47,12 +48,12 @@ fn cells(benchmark: &Benchmark, measurement: &Measurement) -> Vec<String> {
     let scores = measurement.score(benchmark.protocol).scores();
     let other: Scores = measurement.score(benchmark.other_protocol()).scores();
     let mut cells = vec![
-        quoted(&benchmark.scenes[measurement.scene]),
-        quoted(&variant.method),
-        quoted(&variant.change().unwrap_or_default()),
+        csv_cell(&benchmark.scenes[measurement.scene]),
+        csv_cell(&variant.method),
+        csv_cell(&variant.change().unwrap_or_default()),
         measurement.seed.to_string(),
-        quoted(measurement.segmenter),
-        quoted(benchmark.protocol.name()),
+        csv_cell(measurement.segmenter),
+        csv_cell(benchmark.protocol.name()),
     ];
     cells.extend([&scores, &other].into_iter().flat_map(columns).map(number));
     cells.push(scores.overcounted_tracks.to_string());
@@ -78,19 +79,4 @@ fn cells(benchmark: &Benchmark, measurement: &Measurement) -> Vec<String> {
     }
     cells.extend(frame_columns(&scores.single_frames).map(number));
     cells
-}
-
-/// A cell, quoted if RFC 4180 requires it.
-pub(crate) fn quoted(text: &str) -> String {
-    if text.contains([',', '"', '\n', '\r']) { format!("\"{}\"", text.replace('"', "\"\"")) } else { text.to_owned() }
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn cells_with_commas_are_quoted() {
-        assert_eq!(super::quoted("synthetic:frames=3,seed=1"), "\"synthetic:frames=3,seed=1\"");
-        assert_eq!(super::quoted("a\"b"), "\"a\"\"b\"");
-        assert_eq!(super::quoted("dev-a"), "dev-a");
-    }
 }

@@ -156,14 +156,7 @@ impl FrameMatcher {
         let Pair { color, depth, .. } = *pair;
         let Some((color_image, depth_image)) = self.images.get(&color).zip(self.images.get(&depth)) else { return };
         let reader = Arc::clone(&chosen.reader);
-        let frame = PairedFrame {
-            stamp: color.stamp,
-            recorded: color.recorded,
-            color: color.place,
-            depth: depth.place,
-            pose,
-            cameras: (reader.color.cameras.at(&color), reader.depth.cameras.at(&depth)),
-        };
+        let frame = PairedFrame::new((&color, &depth), pose, (&reader.color.cameras, &reader.depth.cameras));
         self.complete.push_back(UndecodedFrame {
             index: 0,
             frame,
@@ -217,7 +210,8 @@ impl FrameMatcher {
     /// Forgets what is from before the clock of the colour images was set back.
     pub(super) fn start_again(&mut self, at: &SetBack) {
         self.counts.clock_set_back += 1;
-        (self.paired, self.depth_is_ahead) = (None, false);
+        self.paired = None;
+        self.depth_is_ahead = false;
         let pairs: Vec<Pair> = self.pairs.drain(..).collect();
         self.drop_images(pairs.into_iter().flat_map(|pair| [pair.color, pair.depth]), |dropped| &mut dropped.set_back);
         while !self.complete.is_empty() && !self.keeps_frames {

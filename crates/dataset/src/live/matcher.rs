@@ -8,8 +8,9 @@ use super::undecoded_frame::{FramesInCommon, STREAM, UndecodedFrame};
 use super::waiting::{Pair, WaitingImage, WaitingImages};
 use crate::frame_checks::FrameChecks;
 use crate::own_camera::OwnCamera;
-use crate::ros_topics::clock::{Recorded, Timeline};
+use crate::ros_topics::clock::Recorded;
 use crate::ros_topics::contents::{Content, Contents, MessagePlace, StampedPlace, TopicMessage};
+use crate::ros_topics::timeline::Timeline;
 use crate::{DatasetError, DatasetSettings};
 use std::collections::VecDeque;
 use std::path::Path;
@@ -271,16 +272,17 @@ impl FrameMatcher {
         }
         match self.contents.topics.get_mut(index).map(|topic| &mut topic.content) {
             Some(Content::Images(images)) => {
-                let Some(place) = images.list.pop() else { return Use::Damaged };
+                let Some(place) = images.timeline.take_unsorted().pop() else { return Use::Damaged };
                 if images.frame.len() > MAX_NAME_BYTES {
-                    (images.kind, images.frame) = (None, String::new());
+                    images.kind = None;
+                    images.frame.clear();
                     return Use::Damaged;
                 }
                 self.take_image(index, place, data, received);
                 Use::Image
             }
             Some(Content::Poses(poses)) => {
-                poses.arrive();
+                poses.timeline.arrive_all();
                 Use::TakenIn
             }
             Some(Content::Calibrations { .. }) => self.take_calibration(index),
@@ -295,10 +297,8 @@ impl FrameMatcher {
     /// True if the message that was recorded last, of this topic, confirms that its clock was set back.
     fn is_set_back(&self, index: usize) -> bool {
         match self.contents.topics.get(index).map(|topic| &topic.content) {
-            Some(Content::Images(images)) => {
-                images.list.last().is_some_and(|image| images.timeline.is_set_back_by(image))
-            }
-            Some(Content::Poses(poses)) => poses.are_set_back(),
+            Some(Content::Images(images)) => images.timeline.is_set_back(),
+            Some(Content::Poses(poses)) => poses.timeline.is_set_back(),
             Some(Content::Transforms { .. }) => self.contents.tree.are_set_back(),
             _ => false,
         }

@@ -44,7 +44,8 @@ impl StreamTopics {
         let reader = Arc::new(FrameReader::new(&maker)?);
         let (poses, pose_text) = maker.pose_source()?;
         let camera = choice.color.1.frame.clone();
-        let coordinate_frames = CoordinateFrames { camera, world: maker.world_frame() };
+        let world = maker.world_frame().filter(|world| !world.is_empty()).map(str::to_owned);
+        let coordinate_frames = CoordinateFrames { camera, world };
         let sources = reader.sources(&choice).into_iter().chain([format!("poses: {pose_text}")]).collect();
         let index = |topic: &Topic| contents.index_of(topic).unwrap_or(usize::MAX);
         let (color, depth) = (index(choice.color.0), index(choice.depth.0));

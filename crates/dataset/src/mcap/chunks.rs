@@ -4,6 +4,7 @@ use lz4_flex::frame::FrameDecoder;
 use mcap::records::ChunkHeader;
 use ruzstd::decoding::StreamingDecoder;
 use splatseg_files::{MemoryLimit, display_bytes};
+use std::borrow::Cow;
 use std::io::Read;
 
 /// Maximum chunk size, whatever the memory limit. Recorders write chunks of a few megabytes.
@@ -24,7 +25,7 @@ enum Compression {
 /// Location of a chunk in the file, and the expected size and CRC of its content.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Chunk {
-    /// Offset of its stored bytes, from the start of the file or recording.
+    /// Offset of its stored bytes, from the start of the recording.
     pub(super) offset: u64,
     /// Number of stored bytes.
     pub(super) stored: u64,
@@ -46,10 +47,8 @@ impl Chunk {
             "lz4" => Compression::Lz4,
             other => return Err(format!("the compression {other:?} is not supported, only zstd and lz4 are")),
         };
-        let limit = (MemoryLimit::in_force() / MEMORY_PART).min(MAX_CHUNK_BYTES);
-        let largest = header.uncompressed_size.max(header.compressed_size);
-        if largest > limit {
-            return Err(format!("it would take {}, at most {} are read", display_bytes(largest), display_bytes(limit)));
+        if let Some(what) = too_large(header.uncompressed_size) {
+            return Err(what);
         }
         Ok(Self {
             offset,
@@ -58,11 +57,6 @@ impl Chunk {
             crc: header.uncompressed_crc,
             compression,
         })
-    }
-
-    /// Returns the chunk of a file that begins at an offset in its recording.
-    pub(super) fn moved(self, start: u64) -> Self {
-        Self { offset: self.offset.saturating_add(start), ..self }
     }
 
     /// Returns true if its content is stored uncompressed.
@@ -74,13 +68,14 @@ impl Chunk {
     ///
     /// # Errors
     /// Description of the damage.
-    pub(super) fn unpack(&self, stored: Vec<u8>) -> Result<Vec<u8>, String> {
+    pub(super) fn unpack<'s>(&self, stored: &'s [u8]) -> Result<Cow<'s, [u8]>, String> {
         let content = match self.compression {
-            Compression::None => stored,
-            Compression::Zstd => self.unpack_zstd(&stored)?,
-            Compression::Lz4 => self
-                .read_content(FrameDecoder::new(stored.as_slice()), stored.len(), Vec::new())
-                .map_err(damaged_lz4)?,
+            Compression::None => Cow::Borrowed(stored),
+            Compression::Zstd => Cow::Owned(self.unpack_zstd(stored)?),
+            Compression::Lz4 => {
+                let content = self.read_content(FrameDecoder::new(stored), stored.len(), Vec::new());
+                Cow::Owned(content.map_err(|error| format!("damaged lz4 data: {error}"))?)
+            }
         };
         if content.len() as u64 != self.unpacked {
             return Err(format!("it has {} bytes, but its header says {}", content.len(), self.unpacked));
@@ -93,7 +88,8 @@ impl Chunk {
     }
 
     fn unpack_zstd(&self, stored: &[u8]) -> Result<Vec<u8>, String> {
-        let (mut rest, mut content) = (stored, Vec::new());
+        let mut rest = stored;
+        let mut content = Vec::new();
         // Usually one zstd frame. Data after the last one is padding.
         while (content.len() as u64) < self.unpacked && !rest.is_empty() {
             let decoder = StreamingDecoder::new(&mut rest).map_err(|error| format!("damaged zstd data: {error}"))?;
@@ -114,6 +110,9 @@ impl Chunk {
     }
 }
 
-fn damaged_lz4(error: std::io::Error) -> String {
-    format!("damaged lz4 data: {error}")
+/// Describes a chunk that is too large to be read, stored or unpacked; `None` if it is not.
+pub(super) fn too_large(bytes: u64) -> Option<String> {
+    let limit = (MemoryLimit::in_force() / MEMORY_PART).min(MAX_CHUNK_BYTES);
+    (bytes > limit)
+        .then(|| format!("it would take {}, at most {} are read", display_bytes(bytes), display_bytes(limit)))
 }

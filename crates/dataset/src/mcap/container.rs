@@ -6,18 +6,18 @@
 //! The format is specified at <https://mcap.dev/spec>. The summary at the end is not used: a truncated recording has
 //! none, and images must be found by the stamp in them, which is not in any index.
 
-use super::chunks::Chunk;
+use super::chunks::{Chunk, too_large};
 use super::recording_parts::{OpenPart, RecordingParts};
 use super::{text_lengths, zstd};
 use crate::DatasetError;
 use crate::files::RandomAccessFile;
-use crate::ros_topics::choice::listed;
 use crate::ros_topics::contents::MessagePlace;
+use crate::ros_topics::frame_names::listed;
 use mcap::records::{Record, op};
 use splatseg_files::{MemoryLimit, display_bytes};
 use std::borrow::Cow;
 use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read};
 use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -28,8 +28,6 @@ const MAGIC: &[u8] = mcap::MAGIC;
 const RECORD_HEADER_BYTES: u64 = 9;
 /// Bytes of a chunk's header without the name of its compression.
 const CHUNK_HEADER_BYTES: u64 = 40;
-/// Maximum length of a compression's name.
-const MAX_COMPRESSION_NAME: u64 = 64;
 /// Maximum length of a record outside chunks; longer ones are skipped. The largest image has 256 MB.
 const MAX_RECORD_BYTES: u64 = 272 << 20;
 const READ_BUFFER_BYTES: usize = 1 << 20;
@@ -70,8 +68,9 @@ pub(super) struct McapFile {
     files: Vec<(u64, RandomAccessFile)>,
     /// The compressed chunks.
     chunks: Vec<Chunk>,
-    /// How rosbag2 has compressed it, in addition to chunks: its files, its messages.
-    packed: (bool, bool),
+    /// How rosbag2 has compressed it, in addition to chunks.
+    has_packed_files: bool,
+    has_packed_messages: bool,
     cache: Mutex<Vec<(u32, Arc<Vec<u8>>)>>,
     /// Damage to the file, one line each.
     damage: Vec<String>,
@@ -97,28 +96,46 @@ impl McapFile {
     /// # Errors
     /// If a file cannot be read, is not an MCAP file, or the sink fails.
     pub(super) fn scan(recording: &RecordingParts, sink: &mut impl RecordSink) -> Result<Self, DatasetError> {
-        let (mut files, mut chunks, mut damage, mut packed) = (Vec::new(), Vec::new(), Vec::new(), (false, false));
+        let mut scanned = Self {
+            path: recording.path.clone(),
+            files: Vec::new(),
+            chunks: Vec::new(),
+            has_packed_files: false,
+            has_packed_messages: false,
+            cache: Mutex::default(),
+            damage: Vec::new(),
+        };
         if !recording.missing.is_empty() {
-            let numbers: Vec<String> = recording.missing.iter().map(u64::to_string).collect();
-            let (path, numbers) = (recording.path.display(), listed(numbers));
-            damage.push(format!("{path}: the files with these numbers are missing: {numbers}"));
+            let numbers = listed(recording.missing.iter().map(u64::to_string).collect());
+            let path = recording.path.display();
+            scanned.damage.push(format!("{path}: the files with these numbers are missing: {numbers}"));
         }
         let mut start = 0;
         for path in &recording.files {
             sink.start_file();
             let part = OpenPart::new(path)?;
-            packed.0 |= part.was_packed;
-            damage.extend(part.damage.clone());
-            let (bytes, mut scan) = (part.bytes, Scan::new(path, part, (start, std::mem::take(&mut chunks)), sink));
+            scanned.has_packed_files |= part.was_packed;
+            scanned.damage.extend(part.damage);
+            let mut scan = Scan {
+                path,
+                reader: BufReader::with_capacity(READ_BUFFER_BYTES, part.file),
+                bytes: part.bytes,
+                start,
+                position: 0,
+                sink,
+                recording: &mut scanned,
+                damaged_chunks: 0,
+                damaged_messages: None,
+                unpacked_bytes: 0,
+                has_all_messages: false,
+            };
             scan.read_all()?;
-            packed.1 |= scan.unpacked_bytes > 0;
             scan.report_all();
-            damage.append(&mut scan.damage);
-            chunks = scan.chunks;
-            files.push((start, RandomAccessFile::new(scan.reader.into_inner())));
-            start = start.saturating_add(bytes);
+            let file = RandomAccessFile::new(scan.reader.into_inner());
+            scanned.files.push((start, file));
+            start = start.saturating_add(part.bytes);
         }
-        Ok(Self { path: recording.path.clone(), files, chunks, packed, cache: Mutex::default(), damage })
+        Ok(scanned)
     }
 
     pub(super) fn path(&self) -> &Path {
@@ -132,7 +149,7 @@ impl McapFile {
 
     /// Returns how rosbag2 has compressed it; `None` if it has not.
     pub(super) fn compression(&self) -> Option<&'static str> {
-        match self.packed {
+        match (self.has_packed_files, self.has_packed_messages) {
             (false, false) => None,
             (true, false) => Some("zstd, each file"),
             (false, true) => Some("zstd, each message"),
@@ -193,7 +210,7 @@ impl McapFile {
             let chunk = self.chunks.get(index as usize).ok_or_else(|| changed("no such chunk".to_owned()))?;
             let stored = self.read_at(chunk.offset, chunk.stored);
             let stored = stored.map_err(|source| DatasetError::Io { path: self.path.clone(), source })?;
-            let content = Arc::new(chunk.unpack(stored).map_err(changed)?);
+            let content = Arc::new(chunk.unpack(&stored).map_err(changed)?.into_owned());
             if cache.len() >= CACHED_CHUNKS {
                 cache.remove(0);
             }
@@ -214,8 +231,8 @@ struct Scan<'a, S> {
     /// Offset of the next record in the file.
     position: u64,
     sink: &'a mut S,
-    chunks: Vec<Chunk>,
-    damage: Vec<String>,
+    /// The recording, to which chunks and damage are added.
+    recording: &'a mut McapFile,
     damaged_chunks: usize,
     /// Number of compressed messages that cannot be unpacked, and why the first cannot.
     damaged_messages: Option<(u64, String)>,
@@ -224,34 +241,16 @@ struct Scan<'a, S> {
     has_all_messages: bool,
 }
 
-impl<'a, S: RecordSink> Scan<'a, S> {
-    /// Prepares scanning a file that begins at `start` in a recording with `chunks` before it.
-    fn new(path: &'a Path, part: OpenPart, (start, chunks): (u64, Vec<Chunk>), sink: &'a mut S) -> Self {
-        Self {
-            path,
-            reader: BufReader::with_capacity(READ_BUFFER_BYTES, part.file),
-            bytes: part.bytes,
-            start,
-            position: 0,
-            sink,
-            chunks,
-            damage: Vec::new(),
-            damaged_chunks: 0,
-            damaged_messages: None,
-            unpacked_bytes: 0,
-            has_all_messages: false,
-        }
-    }
-
+impl<S: RecordSink> Scan<'_, S> {
     /// Adds lines about what is damaged more than once.
     fn report_all(&mut self) {
         let path = self.path.display();
         if self.damaged_chunks > 1 {
-            self.damage.push(format!("{path}: {} more chunks are damaged", self.damaged_chunks - 1));
+            self.recording.damage.push(format!("{path}: {} more chunks are damaged", self.damaged_chunks - 1));
         }
         if let Some((count, first)) = &self.damaged_messages {
             let what = if *count == 1 { "message is" } else { "messages are" };
-            self.damage.push(format!("{path}: {count} compressed {what} damaged and left out: {first}"));
+            self.recording.damage.push(format!("{path}: {count} compressed {what} damaged and left out: {first}"));
         }
     }
 
@@ -299,29 +298,41 @@ impl<'a, S: RecordSink> Scan<'a, S> {
             self.report_truncation(end);
             return Ok(false);
         }
-        let content = self.position + RECORD_HEADER_BYTES;
-        match code {
+        let is_read = match code {
             op::FOOTER => return Ok(false),
             // The summary follows. It repeats the topics and adds those without messages.
-            op::DATA_END => self.has_all_messages = true,
-            op::CHUNK => self.read_chunk(content, len)?,
-            op::SCHEMA | op::CHANNEL | op::MESSAGE if len <= max_record_bytes() => {
-                let bytes = self.read_bytes(len)?;
-                self.process_record(code, &bytes, (None, self.start + content))?;
+            op::DATA_END => {
+                self.has_all_messages = true;
+                false
             }
-            op::SCHEMA | op::CHANNEL | op::MESSAGE => {
-                self.damage.push(format!(
-                    "{}: the record at byte {} of {len} bytes is too long to be read",
-                    self.path.display(),
-                    self.position
-                ));
+            op::CHUNK => too_large(len).map(|what| self.report_damaged_chunk(&what)).is_none(),
+            op::SCHEMA | op::CHANNEL | op::MESSAGE => self.is_short_enough(len),
+            _ => false,
+        };
+        if is_read {
+            let content = self.start.saturating_add(self.position).saturating_add(RECORD_HEADER_BYTES);
+            let record = self.read_bytes(len)?;
+            match code {
+                op::CHUNK => self.process_chunk(&record, content)?,
+                _ => self.process_record(code, &record, MessagePlace { chunk: None, offset: content, len })?,
             }
-            _ => {}
+        } else {
+            let len = i64::try_from(len).unwrap_or(i64::MAX);
+            self.reader.seek_relative(len).map_err(|source| self.io_error(source))?;
         }
         self.position = end;
-        // Reading may have stopped anywhere in the record.
-        self.reader.seek(SeekFrom::Start(end)).map_err(|source| self.io_error(source))?;
         Ok(true)
+    }
+
+    /// Returns true if a record outside chunks can be read, which is reported otherwise.
+    fn is_short_enough(&mut self, len: u64) -> bool {
+        let fits = len <= max_record_bytes();
+        if !fits {
+            let (path, position) = (self.path.display(), self.position);
+            let line = format!("{path}: the record at byte {position} of {len} bytes is too long to be read");
+            self.recording.damage.push(line);
+        }
+        fits
     }
 
     /// Records that the file ends before the messages do.
@@ -329,7 +340,7 @@ impl<'a, S: RecordSink> Scan<'a, S> {
         if self.has_all_messages {
             return;
         }
-        self.damage.push(format!(
+        self.recording.damage.push(format!(
             "{}: the recording was not finished: the record at byte {} would end at byte {end}, but the file has {} bytes; \
              reading stops there",
             self.path.display(),
@@ -341,44 +352,31 @@ impl<'a, S: RecordSink> Scan<'a, S> {
     fn report_damaged_chunk(&mut self, what: &str) {
         if self.damaged_chunks == 0 {
             let (path, position) = (self.path.display(), self.position);
-            self.damage.push(format!("{path}: the chunk at byte {position} is damaged and left out: {what}"));
+            self.recording.damage.push(format!("{path}: the chunk at byte {position} is damaged and left out: {what}"));
         }
         self.damaged_chunks += 1;
     }
 
-    /// Reads a chunk whose record has `len` bytes, starting at `content`.
-    fn read_chunk(&mut self, content: u64, len: u64) -> Result<(), DatasetError> {
-        let header = self.read_bytes(len.min(CHUNK_HEADER_BYTES + MAX_COMPRESSION_NAME))?;
-        let chunk = chunk_header(&header, content).and_then(|(header_bytes, chunk)| {
-            if chunk.stored <= len - header_bytes { Ok(chunk) } else { Err("it is longer than its record".to_owned()) }
-        });
-        let chunk = match chunk {
-            Ok(chunk) => chunk,
+    /// Processes a chunk, whose record begins at `content` in the recording.
+    fn process_chunk(&mut self, record: &[u8], content: u64) -> Result<(), DatasetError> {
+        let parsed = parsed_chunk(record, content);
+        let unpacked = parsed.and_then(|(chunk, stored)| Ok((chunk, chunk.unpack(stored)?)));
+        match unpacked {
+            Ok((chunk, content)) if chunk.is_plain() => self.process_records(&content, None, chunk.offset),
+            Ok((chunk, content)) => {
+                let index = u32::try_from(self.recording.chunks.len()).ok();
+                self.recording.chunks.push(chunk);
+                self.process_records(&content, index, 0)
+            }
             Err(what) => {
                 self.report_damaged_chunk(&what);
-                return Ok(());
+                Ok(())
             }
-        };
-        self.reader.seek(SeekFrom::Start(chunk.offset)).map_err(|source| self.io_error(source))?;
-        let stored = self.read_bytes(chunk.stored)?;
-        let content = match chunk.unpack(stored) {
-            Ok(content) => content,
-            Err(what) => {
-                self.report_damaged_chunk(&what);
-                return Ok(());
-            }
-        };
-        let base = if chunk.is_plain() {
-            (None, self.start + chunk.offset)
-        } else {
-            self.chunks.push(chunk.moved(self.start));
-            (u32::try_from(self.chunks.len() - 1).ok(), 0)
-        };
-        self.process_records(&content, base)
+        }
     }
 
-    /// Processes the records in a chunk's content, which begins at `start` in the file or in the unpacked chunk.
-    fn process_records(&mut self, content: &[u8], (chunk, start): (Option<u32>, u64)) -> Result<(), DatasetError> {
+    /// Processes the records in a chunk's content, which begins at `start` in the recording or in the unpacked chunk.
+    fn process_records(&mut self, content: &[u8], chunk: Option<u32>, start: u64) -> Result<(), DatasetError> {
         let mut rest = content;
         while !rest.is_empty() {
             let record = record_header(rest).and_then(|(code, len)| {
@@ -390,7 +388,7 @@ impl<'a, S: RecordSink> Scan<'a, S> {
                 return Ok(());
             };
             let offset = start + (content.len() - after.len() - body.len()) as u64;
-            self.process_record(code, body, (chunk, offset))?;
+            self.process_record(code, body, MessagePlace { chunk, offset, len: body.len() as u64 })?;
             rest = after;
         }
         Ok(())
@@ -407,6 +405,7 @@ impl<'a, S: RecordSink> Scan<'a, S> {
         match zstd::unpack_message(&stored, max_record_bytes()) {
             Ok(data) => {
                 self.unpacked_bytes = self.unpacked_bytes.saturating_add(data.len() as u64);
+                self.recording.has_packed_messages = true;
                 let limit = self.bytes.saturating_mul(MAX_RATIO).saturating_add(ALWAYS_UNPACKED_BYTES);
                 if self.unpacked_bytes > limit {
                     return Err(DatasetError::Field {
@@ -426,8 +425,8 @@ impl<'a, S: RecordSink> Scan<'a, S> {
         }
     }
 
-    /// Processes a record whose content begins at `place`.
-    fn process_record(&mut self, code: u8, body: &[u8], place: (Option<u32>, u64)) -> Result<(), DatasetError> {
+    /// Processes a record, whose content is at `place`.
+    fn process_record(&mut self, code: u8, body: &[u8], place: MessagePlace) -> Result<(), DatasetError> {
         if !matches!(code, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
             return Ok(());
         }
@@ -439,8 +438,8 @@ impl<'a, S: RecordSink> Scan<'a, S> {
             Ok(Record::Schema { header, .. }) => self.sink.schema(header.id, &header.name),
             Ok(Record::Channel(channel)) => self.sink.channel(channel),
             Ok(Record::Message { header, data }) => {
-                let skipped = (body.len() - data.len()) as u64;
-                let place = MessagePlace { chunk: place.0, offset: place.1 + skipped, len: data.len() as u64 };
+                let len = data.len() as u64;
+                let place = MessagePlace { offset: place.offset + (place.len - len), len, ..place };
                 let (channel, log_time) = (header.channel_id, header.log_time);
                 let Some(data) = self.unpacked_message(data)? else { return Ok(()) };
                 self.sink.message(&FoundMessage { channel, log_time, place, data: &data })
@@ -460,21 +459,15 @@ fn record_header(bytes: &[u8]) -> Option<(u8, u64)> {
     Some((*code, u64::from_le_bytes(*rest.first_chunk()?)))
 }
 
-/// Parses the chunk record that begins with `bytes`, at offset `content` in the file. Returns the length of its header
-/// and the chunk.
-fn chunk_header(bytes: &[u8], content: u64) -> Result<(u64, Chunk), String> {
-    let name = bytes.get(28..32).and_then(|len| Some(u64::from(u32::from_le_bytes(*len.first_chunk()?))));
-    let name = name.filter(|len| *len <= MAX_COMPRESSION_NAME).ok_or("its header is cut off or damaged")?;
-    let header_bytes = CHUNK_HEADER_BYTES + name;
-    // `parse_record` also needs the stored bytes. A header that states a size of 0 avoids that.
-    let mut header = bytes.get(..header_bytes as usize).ok_or("its header is cut off")?.to_vec();
-    let stored = header.len().checked_sub(8).and_then(|at| header.get_mut(at..)).ok_or("its header is cut off")?;
-    let compressed_size = u64::from_le_bytes(*stored.first_chunk().ok_or("its header is cut off")?);
-    stored.fill(0);
-    match mcap::parse_record(op::CHUNK, &header) {
-        Ok(Record::Chunk { mut header, .. }) => {
-            header.compressed_size = compressed_size;
-            Ok((header_bytes, Chunk::new(&header, content + header_bytes)?))
+/// Parses the record of a chunk, which begins at `content` in the recording. Also returns its stored bytes.
+fn parsed_chunk(record: &[u8], content: u64) -> Result<(Chunk, &[u8]), String> {
+    if !text_lengths::fit(op::CHUNK, record) {
+        return Err("its header is cut off".to_owned());
+    }
+    match mcap::parse_record(op::CHUNK, record) {
+        Ok(Record::Chunk { header, data: Cow::Borrowed(stored) }) => {
+            let header_bytes = CHUNK_HEADER_BYTES.saturating_add(header.compression.len() as u64);
+            Ok((Chunk::new(&header, content.saturating_add(header_bytes))?, stored))
         }
         Ok(_) => Err("its header is damaged".to_owned()),
         Err(error) => Err(format!("its header is damaged: {error}")),

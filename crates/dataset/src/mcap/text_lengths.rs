@@ -2,7 +2,7 @@
 
 use mcap::records::op;
 
-/// Returns true if every string in a schema or channel record ends within the record. Other records have no strings
+/// Returns true if every string in a schema, channel or chunk record ends within the record. Other records have no strings
 /// that are read here.
 pub(super) fn fit(code: u8, body: &[u8]) -> bool {
     match code {
@@ -13,6 +13,8 @@ pub(super) fn fit(code: u8, body: &[u8]) -> bool {
             let metadata = body.get(4..).and_then(after_text).and_then(after_text);
             metadata.and_then(split_at_length).is_some_and(|(pairs, _)| are_pairs(pairs))
         }
+        // Times, size and CRC; the name of the compression.
+        op::CHUNK => body.get(28..).and_then(after_text).is_some(),
         _ => true,
     }
 }
@@ -62,6 +64,8 @@ mod tests {
         for cut in 0..schema(5, 7).len() {
             assert!(!fit(op::SCHEMA, &schema(5, 7)[..cut]), "{cut}");
         }
+        let chunk = |name: u32| [vec![0; 28], text(name, b"zstd")].concat();
+        assert!(fit(op::CHUNK, &chunk(4)) && !fit(op::CHUNK, &chunk(5)) && !fit(op::CHUNK, &[0; 28]));
         assert!(fit(op::MESSAGE, &[]));
     }
 }

@@ -24,9 +24,9 @@ mod video_path;
 pub use listing::{MvpdVideo, MvpdVideos};
 pub(crate) use video_path::{looks_like, parts};
 
-use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, SEGMENT_IMAGE};
 use crate::decode::{decode_color, decode_depth, decode_panoptic, encoded_size};
 use crate::depth_scale::DepthScale;
+use crate::error::{COLOR_IMAGE, DEPTH_IMAGE, SEGMENT_IMAGE};
 use crate::own_camera::{OwnCamera, camera_place};
 use crate::recorded_poses::{PoseCoverage, tracked};
 use crate::scene::{FramePart, FrameParts, entry, require_registered};
@@ -251,8 +251,13 @@ impl Scene for MvpdScene {
         let color = self.files.read(&color_file, COLOR_IMAGE)?;
         let expected = encoded_size(&self.files.path_of(&color_file), COLOR_IMAGE, &color)?;
         if stored.size() != expected {
-            let (what, found, expected_from) = (SEGMENT_IMAGE, stored.size(), "its colour image");
-            return Err(DatasetError::SizesDiffer { path, what, found, expected, expected_from });
+            return Err(DatasetError::SizesDiffer {
+                path,
+                what: SEGMENT_IMAGE,
+                found: stored.size(),
+                expected,
+                expected_from: "its colour image",
+            });
         }
         let Some(instances) = &mask.instances else { return Ok(Some(stored)) };
         let unknown = stored.areas().into_keys().find(|id| !instances.contains_key(id));

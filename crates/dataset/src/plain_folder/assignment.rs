@@ -1,13 +1,15 @@
 //! Assignment of poses to the colour images of a plain folder: by time if both have times, otherwise in order.
 
-use super::names::Images;
+use super::names::{COLOR_FOLDER, Images};
 use super::poses::ListedPose;
-use super::{COLOR_FOLDER, MAX_SECONDS_APART};
 use crate::DatasetError;
 use crate::recorded_poses::no_common_time;
 use crate::text::shortened;
 use crate::tum::nearest_time;
 use std::path::Path;
+
+/// Maximum time between an image and its pose, seconds.
+pub(super) const MAX_SECONDS_APART: f64 = 0.02;
 
 /// Assigns a pose to every colour image, `None` if no pose was measured near its time. `path` is the list of poses, for
 /// errors.

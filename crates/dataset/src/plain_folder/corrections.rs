@@ -1,6 +1,6 @@
 //! Corrected poses in a plain folder, `corrections.txt`.
 
-use super::FolderFrame;
+use super::frames::FolderFrame;
 use super::names::Images;
 use super::poses::{Line, listed_pose};
 use crate::DatasetError;

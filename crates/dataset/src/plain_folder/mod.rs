@@ -6,11 +6,13 @@
 mod assignment;
 mod camera_file;
 mod corrections;
+mod frames;
 mod names;
 mod poses;
 
 use crate::corrections::CorrectionList;
-use crate::decode::{COLOR_IMAGE, image_size, read_color, read_depth};
+use crate::decode::{image_size, read_color, read_depth};
+use crate::error::COLOR_IMAGE;
 use crate::files::is_there;
 use crate::listing::folder_name;
 use crate::own_camera::{OwnCamera, camera_place, no_camera};
@@ -18,38 +20,23 @@ use crate::recorded_poses::{LOST, PoseCoverage};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::undistort::Undistortion;
 use crate::{CorrectedPose, DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
-use assignment::poses_of;
+use assignment::{MAX_SECONDS_APART, poses_of};
 use camera_file::FolderCamera;
 use corrections::read_corrections;
-use names::Images;
+use frames::{FolderFrame, frames_of};
+use names::{COLOR_FOLDER, DEPTH_FOLDER, Images};
 pub use poses::{ListedPose, read_pose_list};
 use splatseg_geometry::SegmentMap;
-use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
-use std::time::Duration;
 
 /// Layout of a plain folder, for messages.
 pub(crate) const LAYOUT: &str = "color/<name>.jpg or .png, depth/<name>.png, ..., camera.json (or --fx), poses.txt (optional; docs/FOLDER_FORMAT.md)";
 
-const COLOR_FOLDER: &str = "color";
-const DEPTH_FOLDER: &str = "depth";
 const CAMERA_FILE: &str = "camera.json";
 const POSES: &str = "poses.txt";
 const CORRECTIONS: &str = "corrections.txt";
-/// Maximum time between an image and its pose, seconds.
-const MAX_SECONDS_APART: f64 = 0.02;
-
-/// A colour and a depth image, and the pose if there is one.
-#[derive(Clone, Debug)]
-struct FolderFrame {
-    name: String,
-    timestamp: Option<Duration>,
-    color: PathBuf,
-    depth: PathBuf,
-    pose: Option<ListedPose>,
-}
 
 /// A recording in a plain folder. It has no ground truth segments.
 ///
@@ -82,11 +69,11 @@ impl FolderScene {
         let own_camera = OwnCamera::from_settings(settings)?;
         let (color, depth) = list_images(folder)?;
         let camera = CameraSource::of(folder, own_camera, settings)?;
-        let path = folder.join(POSES);
-        let has_list = is_there(&path);
-        let poses =
-            if has_list { poses_of(&color, read_pose_list(&path)?, &path)? } else { vec![None; color.images.len()] };
-        let (frames, left_out) = frames_of(&color, &depth, &poses);
+        let list = folder.join(POSES);
+        let has_list = is_there(&list);
+        let listed =
+            if has_list { poses_of(&color, read_pose_list(&list)?, &list)? } else { vec![None; color.images.len()] };
+        let (frames, left_out) = frames_of(&color, &depth, &listed);
         let first = frames.first().ok_or_else(|| no_frames(folder, &color, &depth))?;
         let first_size = image_size(&first.color, COLOR_IMAGE).map(|size| (first.color.clone(), size));
         let (camera, size_from) = match camera {
@@ -95,13 +82,21 @@ impl FolderScene {
                 (FolderCamera::without_file(own.intrinsics(size_of_images(&frames)?), settings), "the first image")
             }
         };
-        let path = folder.join(CORRECTIONS);
+        let list = folder.join(CORRECTIONS);
         let corrections =
-            if is_there(&path) { read_corrections(&path, &color, &frames)? } else { CorrectionList::default() };
-        let poses = if has_list { coverage(&frames) } else { PoseCoverage::NONE };
-        let (name, folder, undistortion) = (folder_name(folder), folder.to_owned(), OnceLock::new());
-        let scene =
-            Self { name, folder, frames, poses, corrections, camera, own_camera, size_from, undistortion, left_out };
+            if is_there(&list) { read_corrections(&list, &color, &frames)? } else { CorrectionList::default() };
+        let scene = Self {
+            name: folder_name(folder),
+            folder: folder.to_owned(),
+            poses: if has_list { coverage(&frames) } else { PoseCoverage::NONE },
+            frames,
+            corrections,
+            camera,
+            own_camera,
+            size_from,
+            undistortion: OnceLock::new(),
+            left_out,
+        };
         // A wrong size in camera.json is reported once, not for every frame. A damaged image is reported when its frame
         // is read.
         if let Ok((path, size)) = first_size {
@@ -115,8 +110,13 @@ impl FolderScene {
         if found == expected {
             return Ok(());
         }
-        let (path, what, expected_from) = (path.to_owned(), COLOR_IMAGE, self.size_from);
-        Err(DatasetError::SizesDiffer { path, what, found, expected, expected_from })
+        Err(DatasetError::SizesDiffer {
+            path: path.to_owned(),
+            what: COLOR_IMAGE,
+            found,
+            expected,
+            expected_from: self.size_from,
+        })
     }
 
     /// Returns the undistortion map; `None` if the lens does not distort. Call only once an image of the camera's size
@@ -191,34 +191,6 @@ fn coverage(frames: &[FolderFrame]) -> PoseCoverage {
             (frames.iter().filter(is_lost).count(), format!("whose pose in {POSES} {LOST}")),
         ],
     )
-}
-
-/// Returns the frames that have colour and depth, and the counts of images that have no partner.
-fn frames_of(color: &Images, depth: &Images, poses: &[Option<ListedPose>]) -> (Vec<FolderFrame>, Vec<LeftOut>) {
-    let mut depth_files: BTreeMap<&str, &Path> =
-        depth.images.iter().map(|image| (image.stem.as_str(), image.path.as_path())).collect();
-    let mut without_depth = 0;
-    let mut frames = Vec::new();
-    for (image, pose) in color.images.iter().zip(poses) {
-        let Some(depth) = depth_files.remove(image.stem.as_str()) else {
-            without_depth += 1;
-            continue;
-        };
-        let seconds = image.seconds.or(pose.and_then(|pose| pose.seconds));
-        frames.push(FolderFrame {
-            name: image.stem.clone(),
-            timestamp: seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
-            color: image.path.clone(),
-            depth: depth.to_owned(),
-            pose: *pose,
-        });
-    }
-    let left_out = LeftOut::list([
-        (without_depth, "without a depth image of the same name".to_owned()),
-        (depth_files.len(), "without a colour image of the same name".to_owned()),
-        (color.unreadable + depth.unreadable, "with names that are not UTF-8".to_owned()),
-    ]);
-    (frames, left_out)
 }
 
 /// Returns the error for a folder in which no frame has colour and depth.

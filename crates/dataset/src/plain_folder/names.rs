@@ -6,6 +6,9 @@ use crate::stamps::{Stamp, TimeScale, TimeUnit};
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
+/// Folders of the images.
+pub(super) const COLOR_FOLDER: &str = "color";
+pub(super) const DEPTH_FOLDER: &str = "depth";
 /// Digits of a time since 1970 in other units than seconds. ROS names files by nanoseconds.
 const DIGITS: [(usize, TimeUnit); 3] =
     [(13, TimeUnit::Milliseconds), (16, TimeUnit::Microseconds), (19, TimeUnit::Nanoseconds)];
@@ -36,7 +39,8 @@ impl Images {
     pub(super) fn list(folder: &Path, endings: &[&str]) -> Result<Self, DatasetError> {
         // Read here only for the error: an unreadable folder must not look like an empty one.
         std::fs::read_dir(folder).map_err(|source| DatasetError::Io { path: folder.to_owned(), source })?;
-        let (mut images, mut unreadable) = (Vec::new(), 0);
+        let mut images = Vec::new();
+        let mut unreadable = 0;
         for name in all_names_in(folder) {
             let Some(name) = name.to_str() else {
                 unreadable += 1;

@@ -2,10 +2,10 @@
 
 use super::camera_list::calibrations;
 use super::contents::{Content, Contents, Images, Topic};
+use super::frame_names::listed;
 use super::images::{COLOR_ENCODINGS, DEPTH_ENCODINGS, ImageKind};
 use super::poses::Poses;
 use super::world::tree_poses;
-use crate::error::NAMES_IN_MESSAGES;
 use crate::own_camera::OwnCamera;
 use crate::plausibility::warn_once;
 use crate::{DatasetError, DatasetSettings, DepthRegistration};
@@ -323,15 +323,4 @@ fn without_transports<'a>(topics: impl Iterator<Item = (&'a Topic, &'a Images)>)
         }
     }
     chosen
-}
-
-/// Lists the first few names and the number of the others.
-pub(crate) fn listed(names: Vec<String>) -> String {
-    let more = names.len().saturating_sub(2 * NAMES_IN_MESSAGES);
-    let first = names.into_iter().take(2 * NAMES_IN_MESSAGES).collect::<Vec<_>>().join(", ");
-    match (first.is_empty(), more) {
-        (true, _) => "none found".to_owned(),
-        (_, 0) => first,
-        (_, more) => format!("{first} and {more} more"),
-    }
 }

@@ -5,8 +5,9 @@
 //! `a / (n − b)` metres, with `a` and `b` among the parameters; 0 is missing.
 
 use crate::DatasetError;
-use crate::decode::{DEPTH_IMAGE, MAX_PIXELS, decode_grey16, require_decoding_memory};
+use crate::decode::{MAX_PIXELS, decode_grey16, require_decoding_memory};
 use crate::depth_scale::DepthScale;
+use crate::error::DEPTH_IMAGE;
 use splatseg_geometry::Image;
 use std::path::Path;
 
@@ -74,8 +75,14 @@ fn decode_rvl(path: &Path, stored: &[u8]) -> Result<Image<u16>, DatasetError> {
     };
     let count = u64::from(width) * u64::from(height);
     if count > MAX_PIXELS {
-        let (path, what, bytes) = (path.to_owned(), DEPTH_IMAGE, stored.len());
-        return Err(DatasetError::ImplausibleSize { path, what, width, height, bytes, limit: MAX_PIXELS });
+        return Err(DatasetError::ImplausibleSize {
+            path: path.to_owned(),
+            what: DEPTH_IMAGE,
+            width,
+            height,
+            bytes: stored.len(),
+            limit: MAX_PIXELS,
+        });
     }
     let size = (width as usize, height as usize);
     require_decoding_memory(path, DEPTH_IMAGE, size)?;
@@ -118,7 +125,9 @@ impl RvlParts<'_> {
             if self.left == 0 {
                 // The next word; `None` at the end of the stream.
                 let (word, rest) = self.words.split_first_chunk::<4>()?;
-                (self.word, self.words, self.left) = (u32::from_le_bytes(*word), rest, 8);
+                self.word = u32::from_le_bytes(*word);
+                self.words = rest;
+                self.left = 8;
             }
             let bits = self.word >> 28;
             self.word <<= 4;

@@ -1,11 +1,12 @@
 //! Contents of a recording or stream: its topics, and the times and locations of the relevant messages.
 
 use super::cameras::Calibration;
-use super::clock::{Order, Recorded, Stamped, Timeline};
-use super::corrections::PathPoses;
+use super::clock::{Recorded, Stamped};
 use super::frame_names::{frame_name, one_line};
 use super::images::{ImageKind, compressed_kind, compressed_size, raw_kind};
+use super::paths::PathPoses;
 use super::poses::{PoseType, Poses, rigid_of_transform};
+use super::timeline::{Order, Timeline};
 use super::transform_tree::TransformTree;
 use super::transforms::{Instant, Sample};
 use crate::DatasetError;
@@ -105,8 +106,6 @@ pub(crate) struct Images {
     pub(crate) frame: String,
     /// Size of the first image, `(width, height)`, as far as it can be read.
     pub(crate) size: Option<(usize, usize)>,
-    /// In file order, until they are sorted.
-    pub(crate) list: Vec<StampedPlace>,
     pub(crate) timeline: Timeline<StampedPlace>,
 }
 
@@ -157,12 +156,8 @@ impl Contents {
         self.tree.sort(self.order);
         for topic in &mut self.topics {
             match &mut topic.content {
-                Content::Images(images) => {
-                    images.timeline = Timeline::new(std::mem::take(&mut images.list), self.order);
-                }
-                Content::Poses(poses) => {
-                    poses.timeline = Timeline::new(std::mem::take(&mut poses.samples), self.order);
-                }
+                Content::Images(images) => images.timeline.sort(self.order),
+                Content::Poses(poses) => poses.timeline.sort(self.order),
                 _ => {}
             }
         }
@@ -194,9 +189,17 @@ impl Contents {
         self.add_memory(2 * (key.0.len() + key.1.len()) as u64 + TOPIC_BYTES)?;
         let (name, type_name) = key.clone();
         let content = if encoding == "cdr" { Content::for_topic(&name, &type_name) } else { Content::Other };
-        let (encoding, messages, index) = (one_line(encoding), 0, self.topics.len());
-        let (recorded, goes_back, unreadable) = (None, false, None);
-        self.topics.push(Topic { name, type_name, encoding, messages, recorded, goes_back, unreadable, content });
+        let index = self.topics.len();
+        self.topics.push(Topic {
+            name,
+            type_name,
+            encoding: one_line(encoding),
+            messages: 0,
+            recorded: None,
+            goes_back: false,
+            unreadable: None,
+            content,
+        });
         self.known.insert(key, index);
         Ok(index)
     }
@@ -351,7 +354,7 @@ impl Images {
         message: &TopicMessage<'_>,
         stamp_of: impl Fn(Time) -> i64,
     ) -> Result<u64, CdrError> {
-        let needs_size = self.size.is_none() && self.list.len() < SIZE_TRIES;
+        let needs_size = self.size.is_none() && self.timeline.unsorted() < SIZE_TRIES;
         let (header, kind, encoding) = if self.is_compressed {
             let image: CompressedImage<'_> = from_cdr(message.data)?;
             if needs_size {
@@ -368,7 +371,7 @@ impl Images {
             self.encoding = one_line(encoding).chars().take(60).collect();
             self.frame = frame_name(&header.frame_id);
         }
-        self.list.push(StampedPlace {
+        self.timeline.record(StampedPlace {
             stamp: stamp_of(header.stamp),
             recorded: message.recorded,
             place: message.place,

@@ -1,76 +1,13 @@
-//! Corrected paths in a recording (`nav_msgs/msg/Path`), as a SLAM system publishes them when it closes a loop.
+//! Corrections of the frames' poses from the corrected paths of a recording (`paths.rs`).
 
-use super::choice::{NO_POSES, PoseChoice, listed};
-use super::clock::Recorded;
+use super::choice::{NO_POSES, PoseChoice};
 use super::contents::{Content, Topic};
-use super::frame_names::{bare_frame, frame_name};
+use super::frame_names::{bare_frame, listed};
 use super::frames::{FrameMaker, PairedFrame};
-use super::poses::rigid_of_pose;
+use super::paths::PathPoses;
 use super::transforms::Rigid;
-use super::world::tree_poses;
 use crate::DatasetError;
 use crate::corrections::CorrectionList;
-use splatseg_ros::{CdrError, NavPath, from_cdr};
-use std::collections::BTreeMap;
-
-/// Poses of a path that differ from the last one of the same time by less are not kept: metres, and the cosine of half
-/// the angle. A tenth of the least correction.
-const SAME_SHIFT: f64 = 1e-4;
-const SAME_HALF_TURN: f64 = 4.4e-5;
-
-/// A pose of a path, when it first appears and whenever it changes.
-#[derive(Clone, Copy, Debug)]
-struct PathPose {
-    stamp: i64,
-    /// Recording time of the path.
-    recorded: Recorded,
-    transform: Rigid,
-}
-
-/// The poses in the messages of a topic.
-#[derive(Debug, Default)]
-pub(crate) struct PathPoses {
-    /// Coordinate frame of the paths.
-    world: String,
-    /// In file order.
-    poses: Vec<PathPose>,
-    latest: BTreeMap<i64, Rigid>,
-}
-
-impl PathPoses {
-    /// Returns true if no message had poses with times.
-    pub(crate) fn is_empty(&self) -> bool {
-        self.poses.is_empty()
-    }
-
-    /// Records the poses of a message that have changed. Returns the memory they use, bytes.
-    pub(crate) fn record(&mut self, data: &[u8], recorded: Recorded) -> Result<u64, CdrError> {
-        let path: NavPath = from_cdr(data)?;
-        let stamped = path.poses.iter().map(|pose| (pose.header.stamp.nanoseconds(), rigid_of_pose(&pose.pose)));
-        let stamped: BTreeMap<i64, Rigid> =
-            stamped.filter(|(stamp, _)| *stamp > 0).filter_map(|(stamp, pose)| Some((stamp, pose?))).collect();
-        // The poses of a planned path have one time or none.
-        if stamped.len() == 1 && path.poses.len() > 1 {
-            return Ok(0);
-        }
-        if self.poses.is_empty() {
-            self.world = frame_name(&path.header.frame_id);
-        }
-        let before = self.poses.len();
-        for (stamp, transform) in stamped {
-            if self.latest.get(&stamp).is_none_or(|old| differ(old, &transform)) {
-                self.latest.insert(stamp, transform);
-                self.poses.push(PathPose { stamp, recorded, transform });
-            }
-        }
-        Ok(((self.poses.len() - before) * 3 * size_of::<PathPose>()) as u64)
-    }
-}
-
-fn differ(one: &Rigid, other: &Rigid) -> bool {
-    one.translation.distance(other.translation) > SAME_SHIFT
-        || one.rotation.dot(other.rotation).abs() < SAME_HALF_TURN.cos()
-}
 
 impl<'a> FrameMaker<'a> {
     /// Returns the corrections of the frames' poses, and their description if there is a topic with paths.
@@ -90,7 +27,7 @@ impl<'a> FrameMaker<'a> {
         if self.choice.color.1.timeline.stretches.len() > 1 {
             return nothing(format!("the clock was set back, so that the times in {} are ambiguous", topic.name));
         }
-        let Some(world) = self.world_of_poses() else {
+        let Some(world) = self.world_frame() else {
             return nothing("the frames have no poses to correct".to_owned());
         };
         let tree = &self.contents.tree;
@@ -112,7 +49,7 @@ impl<'a> FrameMaker<'a> {
     /// Returns the topics with paths that may be used: the one named in the settings, or all.
     fn path_topics(&self) -> Result<Vec<(&'a Topic, &'a PathPoses)>, DatasetError> {
         let all = self.contents.topics.iter().filter_map(|topic| match &topic.content {
-            Content::Path(path) if !path.poses.is_empty() => Some((topic, path)),
+            Content::Path(path) if !path.is_empty() => Some((topic, path)),
             _ => None,
         });
         let all: Vec<_> = all.collect();
@@ -129,16 +66,6 @@ impl<'a> FrameMaker<'a> {
                     self.error("dataset.corrections", format!("{name:?}"), expected)
                 })
             }
-        }
-    }
-
-    /// Returns the coordinate frame of the frames' poses; `None` if they have none.
-    fn world_of_poses(&self) -> Option<&str> {
-        let camera = self.choice.color.1.frame.as_str();
-        match self.choice.pose {
-            PoseChoice::Tree => Some(tree_poses(self.contents, self.settings, camera).world),
-            PoseChoice::Topic(_, poses) => Some(&poses.world),
-            PoseChoice::None(_) => None,
         }
     }
 

@@ -2,9 +2,10 @@
 
 use super::camera_list::Cameras;
 use super::choice::{Choice, NoPoses, PoseChoice};
-use super::clock::{Recorded, Stamped, Timeline};
+use super::clock::{Recorded, Stamped};
 use super::contents::{Contents, MessagePlace, StampedPlace};
 use super::frame_names::bare_frame;
+use super::timeline::Timeline;
 use super::transform_tree::{Purpose, Route};
 use super::transforms::{Instant, Rigid, Tolerance};
 use super::world::{TreePoses, no_poses_text, tree_poses};
@@ -37,6 +38,24 @@ pub(crate) struct PairedFrame {
     pub(crate) pose: Option<Pose>,
     /// Indices of the colour and depth camera in the lists of their topics.
     pub(crate) cameras: (usize, usize),
+}
+
+impl PairedFrame {
+    /// Creates the frame of a pair of images, taken by cameras of two lists.
+    pub(crate) fn new(
+        (color, depth): (&StampedPlace, &StampedPlace),
+        pose: Option<Pose>,
+        (color_cameras, depth_cameras): (&Cameras, &Cameras),
+    ) -> Self {
+        Self {
+            stamp: color.stamp,
+            recorded: color.recorded,
+            color: color.place,
+            depth: depth.place,
+            pose,
+            cameras: (color_cameras.at(color), depth_cameras.at(depth)),
+        }
+    }
 }
 
 /// Source of colour camera poses.
@@ -146,7 +165,7 @@ impl<'a> FrameMaker<'a> {
     /// Returns the source of poses in `/tf`, and its description.
     fn tree_source(&self, camera: &str) -> Result<(PoseSource, String), DatasetError> {
         let tree = &self.contents.tree;
-        let listed = |frames: Vec<&str>| super::choice::listed(frames.into_iter().map(str::to_owned).collect());
+        let listed = |frames: Vec<&str>| super::frame_names::listed(frames.into_iter().map(str::to_owned).collect());
         let TreePoses { body, world, route, remark, candidates } = tree_poses(self.contents, self.settings, camera);
         if self.settings.world_frame.is_none() && !candidates.is_empty() {
             let found = format!("{camera:?}, relative to which these move: {}", listed(candidates));
@@ -222,13 +241,12 @@ impl<'a> FrameMaker<'a> {
         ));
     }
 
-    /// Returns the name of the frame that poses are in; `None` if there are none, or they do not name it.
-    pub(crate) fn world_frame(&self) -> Option<String> {
+    /// Returns the name of the frame that poses are in, empty if they do not name it; `None` if there are none.
+    pub(crate) fn world_frame(&self) -> Option<&'a str> {
+        let camera = self.choice.color.1.frame.as_str();
         match self.choice.pose {
-            PoseChoice::Tree => {
-                Some(tree_poses(self.contents, self.settings, &self.choice.color.1.frame).world.to_owned())
-            }
-            PoseChoice::Topic(_, poses) => Some(poses.world.clone()).filter(|world| !world.is_empty()),
+            PoseChoice::Tree => Some(tree_poses(self.contents, self.settings, camera).world),
+            PoseChoice::Topic(_, poses) => Some(&poses.world),
             PoseChoice::None(_) => None,
         }
     }
@@ -259,17 +277,14 @@ impl<'a> FrameMaker<'a> {
     /// # Errors
     /// If no colour image has a depth image, or there is a source of poses and no frame has one.
     pub(crate) fn frames(&self, source: &PoseSource, cameras: (&Cameras, &Cameras)) -> Result<Frames, DatasetError> {
-        let ((color_topic, color), (depth_topic, depth)) = (self.choice.color, self.choice.depth);
-        let (color, depth) = (&color.timeline, &depth.timeline);
+        let (color_topic, color_images) = self.choice.color;
+        let (depth_topic, depth_images) = self.choice.depth;
+        let (color, depth) = (&color_images.timeline, &depth_images.timeline);
         let limit_ms = self.settings.max_time_difference_ms;
         let pairs = self.pairs();
-        let frame = |(color, depth): &(StampedPlace, StampedPlace)| PairedFrame {
-            stamp: color.stamp,
-            recorded: color.recorded,
-            color: color.place,
-            depth: depth.place,
-            pose: source.at(self.contents, color.instant(), self.tolerance()),
-            cameras: (cameras.0.at(color), cameras.1.at(depth)),
+        let frame = |(color, depth): &(StampedPlace, StampedPlace)| {
+            let pose = source.at(self.contents, color.instant(), self.tolerance());
+            PairedFrame::new((color, depth), pose, cameras)
         };
         let list: Vec<PairedFrame> = pairs.iter().map(frame).collect();
         self.warn_of_clock(source);

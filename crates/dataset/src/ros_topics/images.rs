@@ -2,10 +2,9 @@
 
 use super::compressed_depth::{decode_compressed_depth, image_part, rvl_size};
 use crate::DatasetError;
-use crate::decode::{
-    COLOR_IMAGE, DEPTH_IMAGE, MAX_PIXELS, decode_color, decode_depth, encoded_size, require_decoding_memory,
-};
+use crate::decode::{MAX_PIXELS, decode_color, decode_depth, encoded_size, require_decoding_memory};
 use crate::depth_scale::DepthScale;
+use crate::error::{COLOR_IMAGE, DEPTH_IMAGE};
 use splatseg_geometry::Image;
 use splatseg_ros::{CompressedImage, Image as RawImage};
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! The transforms from one frame to one of its parents, static and moving.
 
-use super::clock::{Order, Timeline};
 use super::stream_clock::SetBack;
+use super::timeline::{Order, Timeline};
 use super::transforms::{Instant, Rigid, Sample, Tolerance};
 
 /// Transforms from a frame to one of its parents.
@@ -16,8 +16,7 @@ pub(crate) struct Link {
     /// Number of transforms from `/tf_static`, and the largest differences between them, metres and radians.
     fixed_count: usize,
     fixed_apart: (f64, f64),
-    /// Transforms from `/tf`, in file order, until they are sorted.
-    samples: Vec<Sample>,
+    /// Transforms from `/tf`.
     timeline: Timeline<Sample>,
     /// Number of transforms from `/tf`.
     count: usize,
@@ -36,7 +35,6 @@ impl Link {
             fixed: None,
             fixed_count: 0,
             fixed_apart: (0.0, 0.0),
-            samples: Vec::new(),
             timeline: Timeline::default(),
             count: 0,
             moves: false,
@@ -49,7 +47,7 @@ impl Link {
     pub(crate) fn add(&mut self, sample: Sample, is_fixed: bool) {
         if !is_fixed {
             self.count += 1;
-            self.samples.push(sample);
+            self.timeline.record(sample);
             return;
         }
         self.fixed_count += 1;
@@ -61,10 +59,10 @@ impl Link {
 
     /// Sorts the transforms of a stream that were added since the last call into the others, and forgets old ones.
     pub(crate) fn arrive(&mut self) {
-        if self.samples.is_empty() {
+        if self.timeline.unsorted() == 0 {
             return;
         }
-        for sample in std::mem::take(&mut self.samples) {
+        for sample in self.timeline.take_unsorted() {
             let transform = sample.transform;
             self.timeline.arrive(sample);
             if let Some(first) = self.first {
@@ -79,18 +77,19 @@ impl Link {
     /// Returns true if a transform that was added since the last call of [`Self::arrive`] is from after the clock was set
     /// back.
     pub(crate) fn is_set_back(&self) -> bool {
-        self.samples.iter().any(|sample| self.timeline.is_set_back_by(sample))
+        self.timeline.is_set_back()
     }
 
     /// Forgets the moving transforms of a stream from before a clock was set back.
     pub(crate) fn restart(&mut self, at: &SetBack) {
         self.timeline.restart(at);
-        (self.first, self.repeated) = (None, None);
+        self.first = None;
+        self.repeated = None;
     }
 
     /// Sorts all transforms of a recording by time.
     pub(crate) fn sort(&mut self, order: Order) {
-        self.timeline = Timeline::new(std::mem::take(&mut self.samples), order);
+        self.timeline.sort(order);
         let mut samples = self.timeline.stretches.iter().flat_map(|stretch| &stretch.messages);
         self.first = samples.next().map(|sample| sample.transform);
         let differs = |sample: &Sample| self.first.is_none_or(|first| !first.is_about(&sample.transform));

@@ -1,7 +1,8 @@
 //! Poses in a recording, from pose, odometry and transform messages.
 
-use super::clock::{Recorded, Timeline};
+use super::clock::Recorded;
 use super::frame_names::frame_name;
+use super::timeline::Timeline;
 use super::transforms::{Rigid, Sample};
 use glam::{DQuat, DVec3};
 use splatseg_ros::{
@@ -25,14 +26,12 @@ pub(crate) struct Poses {
     pub(crate) world: String,
     /// Frame that the poses describe, if the messages name it.
     pub(crate) body: Option<String>,
-    /// In file order, until they are sorted.
-    pub(crate) samples: Vec<Sample>,
     pub(crate) timeline: Timeline<Sample>,
 }
 
 impl Poses {
     pub(crate) fn new(kind: PoseType) -> Self {
-        Self { kind, world: String::new(), body: None, samples: Vec::new(), timeline: Timeline::default() }
+        Self { kind, world: String::new(), body: None, timeline: Timeline::default() }
     }
 
     pub(crate) fn record(
@@ -41,28 +40,13 @@ impl Poses {
         stamp_of: impl Fn(Time) -> i64,
     ) -> Result<u64, CdrError> {
         let (header, body, rigid) = self.kind.read(data)?;
-        if self.samples.is_empty() {
+        if self.timeline.unsorted() == 0 {
             self.world = frame_name(&header.frame_id);
             self.body = body.map(|body| frame_name(&body)).filter(|body| !body.is_empty());
         }
         let Some(transform) = rigid else { return Ok(0) };
-        self.samples.push(Sample { stamp: stamp_of(header.stamp), recorded, transform });
+        self.timeline.record(Sample { stamp: stamp_of(header.stamp), recorded, transform });
         Ok(2 * size_of::<Sample>() as u64)
-    }
-}
-
-impl Poses {
-    /// Returns true if [`Self::arrive`] would forget the poses before, because the clock was set back.
-    pub(crate) fn are_set_back(&self) -> bool {
-        self.samples.iter().any(|sample| self.timeline.is_set_back_by(sample))
-    }
-
-    /// Sorts the poses of a stream that were recorded since the last call into the others, and forgets old ones.
-    pub(crate) fn arrive(&mut self) {
-        for sample in std::mem::take(&mut self.samples) {
-            self.timeline.arrive(sample);
-        }
-        self.timeline.trim_history();
     }
 }
 

@@ -140,8 +140,9 @@ impl FrameReader {
         let camera = entry(&source.cameras.list, camera, &source.cameras.topic)?;
         let expected = (camera.intrinsics.width, camera.intrinsics.height);
         if image.size() != expected {
-            let (what, found, expected_from) = (decode.what, image.size(), "its camera info");
-            return Err(DatasetError::SizesDiffer { path, what, found, expected, expected_from });
+            let found = image.size();
+            let expected_from = "its camera info";
+            return Err(DatasetError::SizesDiffer { path, what: decode.what, found, expected, expected_from });
         }
         let image = match source.undistortion.get(camera, &path)? {
             Some(map) => (decode.undistort)(&map, &image, &path)?,
@@ -163,8 +164,13 @@ impl FrameReader {
             let (depth, path) = Self::decode(&self.depth, messages, frame.depth, &DEPTH)?;
             let size = depth.size();
             if !has_shape(size, color_size) {
-                let (what, found, expected_from) = (DEPTH.what, size, "its colour image");
-                return Err(DatasetError::SizesDiffer { path, what, found, expected: color_size, expected_from });
+                return Err(DatasetError::SizesDiffer {
+                    path,
+                    what: DEPTH.what,
+                    found: size,
+                    expected: color_size,
+                    expected_from: "its colour image",
+                });
             }
             let intrinsics = if size == color_size {
                 color_camera.intrinsics
@@ -256,13 +262,13 @@ struct ImageDecoder<T: Clone + 'static> {
 }
 
 const COLOR: ImageDecoder<[u8; 3]> = ImageDecoder {
-    what: crate::decode::COLOR_IMAGE,
+    what: crate::error::COLOR_IMAGE,
     raw: |message, _, path| images::raw_color(message, path),
     compressed: |message, _, path| images::compressed_color(message, path),
     undistort: |map, image, path| map.color(image, path),
 };
 const DEPTH: ImageDecoder<f32> = ImageDecoder {
-    what: crate::decode::DEPTH_IMAGE,
+    what: crate::error::DEPTH_IMAGE,
     raw: images::raw_depth,
     compressed: images::compressed_depth,
     undistort: |map, image, path| map.depth(image, path),

@@ -3,9 +3,10 @@
 //! A frame should have one parent. Where several programs publish it, it has more. All are kept, and a route between two
 //! frames takes the one that leads there. A warning names it ([`TransformTree::contradictions`]).
 
-use super::clock::{Order, Recorded};
+use super::clock::Recorded;
 use super::links::Link;
 use super::stream_clock::SetBack;
+use super::timeline::Order;
 use super::transforms::{Instant, Rigid, Sample, Tolerance};
 use std::collections::BTreeMap;
 

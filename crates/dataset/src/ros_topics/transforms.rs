@@ -1,6 +1,7 @@
 //! Rigid transforms, and their lookup by time.
 
-use super::clock::{Recorded, Stamped, Timeline};
+use super::clock::{Recorded, Stamped};
+use super::timeline::Timeline;
 use glam::{DQuat, DVec3};
 use splatseg_geometry::{Pose, PoseError};
 

@@ -1,8 +1,7 @@
 //! The world frame in `/tf`: the one in which the camera's poses are.
 
-use super::choice::listed;
 use super::contents::{Content, Contents};
-use super::frame_names::bare_frame;
+use super::frame_names::{bare_frame, listed};
 use super::transform_tree::{Purpose, Route, TransformTree};
 use crate::DatasetSettings;
 

@@ -4,8 +4,9 @@
 
 use super::labels::InstanceLabels;
 use super::{Camera, Cameras};
-use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, image_size, read_color, read_depth};
+use crate::decode::{image_size, read_color, read_depth};
 use crate::depth_scale::DepthScale;
+use crate::error::{COLOR_IMAGE, DEPTH_IMAGE};
 use crate::files::is_there;
 use crate::listing::{
     NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files, pose_coverage,
@@ -67,8 +68,8 @@ impl ScannetScene {
         let poses = pose_coverage(&frames, &folder.join("pose"), POSE);
         let cameras = read_cameras(folder, settings)?;
         let labels = InstanceLabels::in_folder(folder, &name)?;
-        let (folder, depth_scale) = (folder.to_owned(), DepthScale::MILLIMETRES.or_of(settings));
-        Ok(Self { name, folder, frames, cameras, depth_scale, poses, labels, left_out })
+        let depth_scale = DepthScale::MILLIMETRES.or_of(settings);
+        Ok(Self { name, folder: folder.to_owned(), frames, cameras, depth_scale, poses, labels, left_out })
     }
 
     fn depth_path(&self, file: &NumberedFile) -> PathBuf {

@@ -2,7 +2,8 @@
 
 use crate::DatasetError;
 use crate::archive::ZippedImages;
-use crate::decode::{SEGMENT_IMAGE, decode_labels, read_labels};
+use crate::decode::{decode_labels, read_labels};
+use crate::error::SEGMENT_IMAGE;
 use crate::listing::names_in;
 use splatseg_geometry::SegmentMap;
 use std::ffi::OsStr;

@@ -3,9 +3,10 @@
 use super::labels::InstanceLabels;
 use super::sens_file::{ColorCompression, DepthCompression, SensFile, SensHeader};
 use super::{Camera, Cameras};
-use crate::decode::{COLOR_IMAGE, DEPTH_IMAGE, MAX_DEFLATE_RATIO, MAX_PIXELS};
+use crate::decode::{MAX_DEFLATE_RATIO, MAX_PIXELS};
 use crate::decode::{decode_color, require_decoding_memory};
 use crate::depth_scale::DepthScale;
+use crate::error::{COLOR_IMAGE, DEPTH_IMAGE};
 use crate::own_camera::OwnCamera;
 use crate::plausibility::warn_once;
 use crate::recorded_poses::{LOST, PoseCoverage, tracked};
@@ -205,8 +206,8 @@ impl Scene for SensScene {
         let depth = depth_of(&stored.depth, self.file.header(), self.depth_scale, &path)?;
         let color = color_of(&stored.color, self.file.header(), &path)?;
         let (intrinsics, color) = self.cameras.color_at_depth(color, depth.size())?;
-        let (name, timestamp) = (self.frame_name(index), header.timestamp);
-        FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()
+        let name = self.frame_name(index);
+        FrameParts { name, timestamp: header.timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()
     }
 
     fn has_poses(&self) -> bool {

@@ -1,6 +1,6 @@
 //! Configurations of SAM 2.1, and of EdgeTAM and EfficientTAM, which keep its interface at less work.
 
-use super::encoder::{repvit, vit};
+use super::weights::{count, first_axis};
 use super::{Sam2Error, Weights};
 
 /// The published networks, and a miniature for tests.
@@ -116,6 +116,11 @@ pub(super) const MAX_OBJECT_POINTERS: usize = 16;
 pub(super) const FEATURE_STRIDE: usize = 16;
 /// Logit for "no object here".
 pub(super) const NO_OBJECT_LOGIT: f32 = -1024.0;
+/// Tensors by which EdgeTAM's and EfficientTAM's encoders are recognised.
+const FIRST_OF_REPVIT: &str = "image_encoder.trunk.body.stem.conv1.c.weight";
+const FIRST_OF_VIT: &str = "image_encoder.neck.convs.0.conv_1x1.weight";
+/// Channels of an attention head of EfficientTAM's trunk.
+const VIT_HEAD: usize = 64;
 
 const fn trunk(
     embed_dim: usize,
@@ -167,10 +172,10 @@ impl Sam2Config {
     /// # Errors
     /// If the trunk's first layer is missing, or no network has this number of blocks and channels.
     pub fn from_weights(weights: &dyn Weights) -> Result<Self, Sam2Error> {
-        if weights.shape(repvit::FIRST_TENSOR).is_some() {
+        if weights.shape(FIRST_OF_REPVIT).is_some() {
             return Self::edge_tam(weights)?.checked();
         }
-        if weights.shape(vit::FIRST_TENSOR).is_some() {
+        if weights.shape(FIRST_OF_VIT).is_some() {
             return Self::efficient_tam(weights)?.checked();
         }
         let name = "image_encoder.trunk.patch_embed.proj.bias";
@@ -201,13 +206,13 @@ impl Sam2Config {
         if perceiver.side.pow(2) != squared {
             return Err(unusual(format!("spatial_perceiver.latents_2d has {squared} rows, expected a square number")));
         }
-        let trunk = TrunkConfig::RepVit(repvit::configuration(weights)?);
+        let trunk = TrunkConfig::RepVit(RepVitConfig::from_weights(weights)?);
         Self::descendant(weights, Sam2Size::EdgeTam, trunk, Some(perceiver))
     }
 
     /// EfficientTAM, of the size that the tensors have.
     fn efficient_tam(weights: &dyn Weights) -> Result<Self, Sam2Error> {
-        Self::descendant(weights, Sam2Size::EfficientTam, TrunkConfig::Vit(vit::configuration(weights)?), None)
+        Self::descendant(weights, Sam2Size::EfficientTam, TrunkConfig::Vit(VitConfig::from_weights(weights)?), None)
     }
 
     fn descendant(
@@ -252,17 +257,38 @@ impl Sam2Config {
     }
 }
 
+impl RepVitConfig {
+    /// Reads channels and depths from the shapes of a checkpoint's tensors.
+    fn from_weights(weights: &dyn Weights) -> Result<Self, Sam2Error> {
+        let name = |stage: usize, block: usize| {
+            format!("image_encoder.trunk.body.stages_{stage}.blocks.{block}.token_mixer.conv.c.weight")
+        };
+        let mut config = Self { channels: [0; 4], depths: [0; 4] };
+        for stage in 0..4 {
+            config.channels[stage] = first_axis(weights, &name(stage, 0))?;
+            config.depths[stage] = count(|block| name(stage, block), weights);
+        }
+        Ok(config)
+    }
+}
+
+impl VitConfig {
+    /// Reads channels and depth from the shapes of a checkpoint's tensors.
+    fn from_weights(weights: &dyn Weights) -> Result<Self, Sam2Error> {
+        let embed_dim = first_axis(weights, "image_encoder.trunk.patch_embed.proj.bias")?;
+        let positions = weights
+            .shape("image_encoder.trunk.pos_embed")
+            .ok_or_else(|| Sam2Error::MissingTensor { name: "image_encoder.trunk.pos_embed".into() })?;
+        Ok(Self {
+            embed_dim,
+            num_heads: embed_dim / VIT_HEAD,
+            blocks: count(|block| format!("image_encoder.trunk.blocks.{block}.norm1.weight"), weights),
+            // One position is that of the class token of its training.
+            pos_embed_size: positions.get(1).copied().unwrap_or(0).saturating_sub(1).isqrt(),
+        })
+    }
+}
+
 fn unusual(reason: String) -> Sam2Error {
     Sam2Error::UnusualShape { reason }
-}
-
-/// Length of the first axis of a tensor.
-pub(super) fn first_axis(weights: &dyn Weights, name: &str) -> Result<usize, Sam2Error> {
-    let shape = weights.shape(name).ok_or_else(|| Sam2Error::MissingTensor { name: name.into() })?;
-    Ok(shape.first().copied().unwrap_or(0))
-}
-
-/// Number of consecutive indices from 0 for which there is a tensor.
-pub(super) fn count(name: impl Fn(usize) -> String, weights: &dyn Weights) -> usize {
-    (0..).take_while(|index| weights.shape(&name(*index)).is_some()).count()
 }

@@ -1,7 +1,6 @@
 //! Access to the network's weights, and the reader with which blocks load them.
 
 use super::Sam2Error;
-use super::config::first_axis;
 use crate::checkpoint::{Checkpoint, CheckpointError};
 use crate::transfer::upload;
 use burn::tensor::{Device, Tensor};
@@ -77,6 +76,17 @@ impl<'a> WeightReader<'a> {
         let values = self.floats(name, &shape)?;
         Ok(upload(values, shape, self.device))
     }
+}
+
+/// Length of the first axis of a tensor.
+pub(super) fn first_axis(weights: &dyn Weights, name: &str) -> Result<usize, Sam2Error> {
+    let shape = weights.shape(name).ok_or_else(|| Sam2Error::MissingTensor { name: name.into() })?;
+    Ok(shape.first().copied().unwrap_or(0))
+}
+
+/// Number of consecutive indices from 0 for which there is a tensor.
+pub(super) fn count(name: impl Fn(usize) -> String, weights: &dyn Weights) -> usize {
+    (0..).take_while(|index| weights.shape(&name(*index)).is_some()).count()
 }
 
 /// A checkpoint: Meta's `.pt` files, or their conversion to `.safetensors`.

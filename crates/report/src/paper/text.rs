@@ -1,8 +1,8 @@
 //! `paper.md` and `paper.csv`.
 
 use super::tables::{PaperResults, PublishedTable, TableRow, paper_tables};
-use crate::csv::quoted;
 use crate::{Benchmark, Origin, markdown};
+use splatseg_files::csv_cell;
 
 /// All tables as Markdown, the paper's rows in italics.
 pub fn markdown(results: &PaperResults<'_>) -> String {
@@ -37,7 +37,7 @@ fn csv_lines(table: &PublishedTable, row: &TableRow) -> String {
     cells
         .map(|(key, value)| {
             let deviation = value.deviation.map_or_else(String::new, |deviation| deviation.to_string());
-            format!("{},{},{origin},{key},{},{deviation}\n", quoted(&table.title), quoted(&row.name), value.mean)
+            format!("{},{},{origin},{key},{},{deviation}\n", csv_cell(&table.title), csv_cell(&row.name), value.mean)
         })
         .collect()
 }

@@ -4,35 +4,18 @@
 
 use crate::convolution::{Convolution, ConvolutionShape};
 use crate::device::is_cpu;
-use crate::sam2::config::{count, first_axis};
 use crate::sam2::layers::host::{HostValues, from_host, host};
 use crate::sam2::layers::{Activation, Conv2d, ConvShape, Linear, LinearWeights, activate, forward_chain};
 use crate::sam2::weights::WeightReader;
-use crate::sam2::{RepVitConfig, Sam2Error, Weights};
+use crate::sam2::{RepVitConfig, Sam2Error};
 use burn::tensor::Tensor;
 use burn::tensor::activation::sigmoid;
 use splatseg_kernels::depthwise::{channel_means, scale_channels};
-
-/// A tensor by which the trunk is recognised.
-pub(crate) const FIRST_TENSOR: &str = "image_encoder.trunk.body.stem.conv1.c.weight";
 
 /// Official `eps` of batch norms.
 const EPSILON: f32 = 1e-5;
 /// Hidden channels of a channel mixer, per channel.
 const MLP_RATIO: usize = 2;
-
-/// Reads channels and depths from the shapes of a checkpoint's tensors.
-pub(crate) fn configuration(weights: &dyn Weights) -> Result<RepVitConfig, Sam2Error> {
-    let name = |stage: usize, block: usize| {
-        format!("image_encoder.trunk.body.stages_{stage}.blocks.{block}.token_mixer.conv.c.weight")
-    };
-    let mut config = RepVitConfig { channels: [0; 4], depths: [0; 4] };
-    for stage in 0..4 {
-        config.channels[stage] = first_axis(weights, &name(stage, 0))?;
-        config.depths[stage] = count(|block| name(stage, block), weights);
-    }
-    Ok(config)
-}
 
 /// A convolution without bias and the batch norm after it, folded.
 struct Folded {

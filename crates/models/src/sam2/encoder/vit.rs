@@ -4,39 +4,18 @@
 use super::hiera::{Block, BlockShape};
 use super::position_encoding::enlarged_embedding;
 use crate::convolution::{Convolution, ConvolutionShape};
-use crate::sam2::config::{count, first_axis};
 use crate::sam2::layers::{Activation, LayerNorm, Linear, LinearWeights};
 use crate::sam2::weights::WeightReader;
-use crate::sam2::{Sam2Error, VitConfig, Weights};
+use crate::sam2::{Sam2Error, VitConfig};
 use crate::transfer::upload;
 use burn::tensor::Tensor;
 
-/// A tensor by which the encoder is recognised.
-pub(crate) const FIRST_TENSOR: &str = "image_encoder.neck.convs.0.conv_1x1.weight";
-
 /// Pixels of a patch's side.
 const PATCH: usize = 16;
-/// Channels of an attention head.
-const HEAD: usize = 64;
 /// Side of the attention windows, in tokens.
 const WINDOW: usize = 14;
 /// ε of the channel normalisations.
 const EPSILON: f64 = 1e-6;
-
-/// Reads channels and depth from the shapes of a checkpoint's tensors.
-pub(crate) fn configuration(weights: &dyn Weights) -> Result<VitConfig, Sam2Error> {
-    let embed_dim = first_axis(weights, "image_encoder.trunk.patch_embed.proj.bias")?;
-    let positions = weights
-        .shape("image_encoder.trunk.pos_embed")
-        .ok_or_else(|| Sam2Error::MissingTensor { name: "image_encoder.trunk.pos_embed".into() })?;
-    Ok(VitConfig {
-        embed_dim,
-        num_heads: embed_dim / HEAD,
-        blocks: count(|block| format!("image_encoder.trunk.blocks.{block}.norm1.weight"), weights),
-        // One position is that of the class token of its training.
-        pos_embed_size: positions.get(1).copied().unwrap_or(0).saturating_sub(1).isqrt(),
-    })
-}
 
 /// The trunk with its neck.
 #[derive(Clone, Debug)]

@@ -1,0 +1,68 @@
+//! The formats by name.
+
+use splatseg_settings::{Choice, choices};
+use std::str::FromStr;
+use thiserror::Error;
+
+choices! {
+    /// The format of a scene.
+    pub enum Format, default Auto {
+        /// Detected from the scene's files.
+        Auto = "auto",
+        /// A 7-Scenes sequence.
+        SevenScenes = "7scenes",
+        /// A ScanNet scene exported to folders.
+        Scannet = "scannet",
+        /// A ScanNet recording in its published container, `<scene>.sens`, or a folder containing one.
+        Sens = "sens",
+        /// A TUM RGB-D sequence.
+        Tum = "tum",
+        /// A Replica scene in the layout of NICE-SLAM.
+        Replica = "replica",
+        /// An MVPd video, in a split's folder or a scene's `.tar.gz`. Choose one of several videos by name, as
+        /// `FOLDER:VIDEO`, `FOLDER/imagesRGB/VIDEO` or `SCENE.tar.gz:VIDEO`.
+        Mvpd = "mvpd",
+        /// A plain folder with `color/` and `depth/`, and `camera.json` and `poses.txt` if there are any, described in
+        /// FOLDER_FORMAT.md.
+        Folder = "folder",
+        /// A ROS 2 recording in an MCAP file, or a folder containing one, as written by rosbag2.
+        Mcap = "mcap",
+        /// The built-in synthetic room.
+        Synthetic = "synthetic",
+    }
+}
+
+/// Error parsing the name of a format.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("format: found {found:?}, expected one of {expected}")]
+pub struct FormatNameError {
+    /// The text.
+    pub found: String,
+    /// Names of the formats.
+    pub expected: String,
+}
+
+impl FromStr for Format {
+    type Err = FormatNameError;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Self::from_name(text)
+            .ok_or_else(|| FormatNameError { found: text.to_owned(), expected: Self::NAMES.join(", ") })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_the_same_in_text_and_serde() {
+        for format in Format::ALL.iter().copied() {
+            assert_eq!(format.to_string().parse(), Ok(format));
+            assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
+        }
+        let error = "kitti".parse::<Format>().unwrap_err();
+        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, synthetic";
+        assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
+    }
+}
