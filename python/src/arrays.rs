@@ -10,7 +10,7 @@ use numpy::{
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use splatseg::dataset::DatasetSettings;
-use splatseg::memory::MAX_SEGMENT_ID;
+use splatseg::geometry::MAX_SEGMENT_ID;
 use splatseg::{Image, Mask};
 
 /// Requires a C-contiguous array of a shape. `types` and `shape` describe it in errors.

@@ -67,7 +67,8 @@ impl Outlet for PythonOutlet {
 
     fn show(&mut self, status: &LiveStatus) {
         let mut state = self.0.lock();
-        (state.status, state.frames) = (status.to_string(), status.frames);
+        state.status = status.to_string();
+        state.frames = status.frames;
     }
 }
 

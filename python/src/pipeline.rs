@@ -10,8 +10,7 @@ use pyo3::prelude::*;
 use pyo3::pyclass::{PyTraverseError, PyVisit};
 use pyo3::types::PyDict;
 use rayon::ThreadPool;
-use splatseg::geometry::PoseFormat;
-use splatseg::memory::SplatMemory;
+use splatseg::geometry::{MapView, PoseFormat};
 use splatseg::objects::{FrameStamp, ObjectName, SeenObjects};
 use splatseg::odometry::PoseState;
 use splatseg::pipeline::{FrameResult, NameObjectsError, ObjectToName, PipelineError};
@@ -204,7 +203,7 @@ impl Pipeline {
         let mut guard = self.lock()?;
         let state = &mut *guard;
         let saved = py.detach(move || {
-            memory_of(state)?;
+            map_of(state)?;
             Ok::<_, PyErr>(state.pipeline.save_memory(&path))
         });
         saved?.map(drop).map_err(runtime_error)
@@ -213,41 +212,41 @@ impl Pipeline {
     /// True if the method has a memory.
     #[getter]
     fn has_memory(&self) -> PyResult<bool> {
-        Ok(self.lock()?.pipeline.memory().is_some())
+        Ok(self.lock()?.pipeline.map().is_some())
     }
 
     /// Number of Gaussians.
     fn gaussian_count(&self) -> PyResult<usize> {
-        Ok(memory_of(&*self.lock()?)?.gaussian_count())
+        Ok(map_of(&*self.lock()?)?.gaussian_count())
     }
 
     /// Centres, world coordinates, metres, `(Gaussians, 3)`.
     fn means(&self, py: Python<'_>) -> PyResult<Py<PyArray2<f64>>> {
         let guard = self.lock()?;
-        let memory = memory_of(&guard)?;
-        to_rows(py, memory.balls().means.iter().map(|mean| (mean.as_dvec3() + memory.origin()).to_array()))
+        let map = map_of(&guard)?;
+        to_rows(py, map.means.iter().map(|mean| (mean.as_dvec3() + map.origin).to_array()))
     }
 
     /// Standard deviations, metres, `(Gaussians,)`.
     fn radii(&self, py: Python<'_>) -> PyResult<Py<PyArray1<f32>>> {
-        Ok(PyArray1::from_slice(py, &memory_of(&*self.lock()?)?.balls().radii).unbind())
+        Ok(PyArray1::from_slice(py, map_of(&*self.lock()?)?.radii).unbind())
     }
 
     /// Colours, sRGB, `(Gaussians, 3)`.
     fn colors(&self, py: Python<'_>) -> PyResult<Py<PyArray2<u8>>> {
-        to_rows(py, memory_of(&*self.lock()?)?.colors().iter().copied())
+        to_rows(py, map_of(&*self.lock()?)?.colors.iter().copied())
     }
 
     /// True for each Gaussian whose distance is known, `(Gaussians,)`.
     fn has_place(&self, py: Python<'_>) -> PyResult<Py<PyArray1<bool>>> {
         let guard = self.lock()?;
-        let surfaces = memory_of(&guard)?.surfaces().iter();
+        let surfaces = map_of(&guard)?.surfaces.iter();
         Ok(PyArray1::from_iter(py, surfaces.map(|surface| surface.has_place())).unbind())
     }
 
     /// The id of each Gaussian, `(Gaussians,)`.
     fn segment_ids(&self, py: Python<'_>) -> PyResult<Py<PyArray1<u32>>> {
-        Ok(PyArray1::from_vec(py, memory_of(&*self.lock()?)?.segment_ids()).unbind())
+        Ok(PyArray1::from_vec(py, map_of(&*self.lock()?)?.segment_ids()).unbind())
     }
 }
 
@@ -299,9 +298,9 @@ fn in_pool<R: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> R + Send) 
     }
 }
 
-fn memory_of(state: &State) -> PyResult<&SplatMemory> {
+fn map_of(state: &State) -> PyResult<MapView<'_>> {
     let name = state.pipeline.method_name();
-    state.pipeline.memory().ok_or_else(|| value_error(format!("the method {name} has no memory")))
+    state.pipeline.map().ok_or_else(|| value_error(format!("the method {name} has no memory")))
 }
 
 fn step_result(

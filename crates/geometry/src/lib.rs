@@ -23,6 +23,7 @@ mod intrinsics;
 mod linking;
 mod local_pose;
 mod map_correction;
+mod map_view;
 mod mask;
 mod mask_runs;
 mod pose;
@@ -42,13 +43,14 @@ pub use intrinsics::{Intrinsics, IntrinsicsError};
 pub use linking::MaskLinker;
 pub use local_pose::LocalPose;
 pub use map_correction::{FrameAnchor, KeyframeId, MapCorrection, RemappedId};
+pub use map_view::{MapGaussian, MapSegments, MapView, PatchSize, SurfaceKind};
 pub use mask::{Mask, ScoredMask};
 pub use mask_runs::MaskRuns;
 pub use pose::{Pose, PoseError};
 pub use pose_format::{CameraAxes, PoseFormat};
 pub use prompt::{Click, Prompt};
 pub use rle::{RleError, RunLengths};
-pub use segment_map::{SegmentId, SegmentMap};
+pub use segment_map::{MAX_16_BIT_ID, MAX_SEGMENT_ID, SegmentId, SegmentMap};
 pub use stamped_pose::StampedPose;
 
 /// Target of the `tracing` spans that measure the stages of a frame. The span's name is the stage's, e.g. `match`.

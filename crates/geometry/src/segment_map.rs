@@ -6,6 +6,12 @@ use std::collections::BTreeMap;
 /// The id of a segment; 0 means "no segment".
 pub type SegmentId = u32;
 
+/// The largest id: an 8-bit RGB image holds 24 bits.
+pub const MAX_SEGMENT_ID: SegmentId = (1 << 24) - 1;
+
+/// Largest id that fits a 16-bit image.
+pub const MAX_16_BIT_ID: SegmentId = u16::MAX as SegmentId;
+
 /// One [`SegmentId`] per pixel, `[height, width]`; 0 where there is no segment.
 pub type SegmentMap = Image<SegmentId>;
 

@@ -106,8 +106,8 @@ impl Results {
 
     /// Publishes the map as points.
     pub(crate) fn publish_points(&self, pipeline: &Pipeline, stamp: Duration, outlet: &mut dyn Outlet) {
-        let Some(memory) = pipeline.memory().filter(|_| outlet.wants(Output::Points)) else { return };
-        if let Ok(mut message) = PointBytes::in_world(memory).message(time(stamp)) {
+        let Some(map) = pipeline.map().filter(|_| outlet.wants(Output::Points)) else { return };
+        if let Ok(mut message) = PointBytes::in_world(&map).message(time(stamp)) {
             self.world().clone_into(&mut message.header.frame_id);
             send(outlet, Output::Points, to_cdr(&message));
         }

@@ -10,7 +10,6 @@ use crate::{
 use splatseg::pipeline::{FrameResult, LoadedNetworks, PipelineError};
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{StreamedFrame, UndecodedFrame};
-use splatseg_memory::SplatMemory;
 use splatseg_objects::{FrameStamp, Object, ObjectList, SeenObjects};
 use splatseg_ros::{Detection3dArray, Header, Time, to_cdr};
 use std::path::Path;
@@ -285,7 +284,7 @@ impl LiveSession {
         self.due.status = Instant::now();
         self.status.rate_hz = self.times.since(SECOND) as f32;
         self.status.counts = self.stream.counts();
-        self.status.gaussians = self.pipeline.memory().map_or(0, SplatMemory::gaussian_count);
+        self.status.gaussians = self.pipeline.map().map_or(0, |map| map.gaussian_count());
         self.status.objects = self.seen.objects().len();
         if self.outlet.wants(Output::Diagnostics) {
             let now = i64::try_from(self.outlet.clock().unwrap_or_else(LiveStream::now).as_nanos()).unwrap_or(i64::MAX);

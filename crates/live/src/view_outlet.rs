@@ -78,8 +78,8 @@ impl Outlet for ViewOutlet {
         let pose = &frame.result.pose;
         let known = (pose.state != PoseState::Lost).then_some(&pose.world_from_camera);
         self.server.publish_frame(known, || view_frame(frame, &self.objects));
-        if let Some(memory) = frame.pipeline.memory() {
-            self.server.publish_map(memory);
+        if let Some(map) = frame.pipeline.map() {
+            self.server.publish_map(&map);
         }
     }
 

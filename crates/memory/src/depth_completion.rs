@@ -8,12 +8,11 @@
 //! fitted to, left and right or above and below, also in depth, and at least half of all these were measured. Otherwise
 //! its depth is a guess, or continues one.
 
-use crate::COVERED;
-use crate::map::SurfaceKind;
 use crate::recall::Recall;
+use crate::settings::COVERED;
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
-use splatseg_geometry::{Image, SegmentId, SegmentMap, distance_transform};
+use splatseg_geometry::{Image, SegmentId, SegmentMap, SurfaceKind, distance_transform};
 use splatseg_render::TileWeights;
 use std::collections::BTreeMap;
 
@@ -75,10 +74,12 @@ impl FittedSurface {
         for (spans, line, place) in [(&mut self.rows, row, column), (&mut self.columns, column, row)] {
             let span = spans.entry(line).or_insert(Span { places: (place, place), inverses: (inverse, inverse) });
             if place < span.places.0 {
-                (span.places.0, span.inverses.0) = (place, inverse);
+                span.places.0 = place;
+                span.inverses.0 = inverse;
             }
             if place > span.places.1 {
-                (span.places.1, span.inverses.1) = (place, inverse);
+                span.places.1 = place;
+                span.inverses.1 = inverse;
             }
         }
     }

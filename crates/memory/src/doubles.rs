@@ -1,6 +1,6 @@
 //! Finds the surfaces that are there twice once the map has been corrected.
 
-use crate::growth::RADIUS_PER_SPACING;
+use crate::map::RADIUS_PER_SPACING;
 use glam::Vec3;
 use rayon::prelude::*;
 use splatseg_geometry::KeyframeId;

@@ -8,19 +8,16 @@
 
 use crate::borders::{Borders, MAX_DISTANCE};
 use crate::depth_completion::{CompletedDepth, completed_depth};
-use crate::map::{NewGaussian, SurfaceKind};
+use crate::map::{NewGaussian, RADIUS_PER_SPACING};
 use crate::recall::Recall;
-use crate::settings::RELATIVE_TOLERANCE;
-use crate::{COVERED, MemoryRules, MemorySettings};
+use crate::settings::{COVERED, RELATIVE_TOLERANCE};
+use crate::{MemoryRules, MemorySettings};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
-use splatseg_geometry::{CowImage, Image, LocalPose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{CowImage, Image, LocalPose, RgbdFrame, SegmentMap, SurfaceKind};
 
 /// Maximum spacing of Gaussians inside a segment, in units of the distance to the nearest border.
 const SPACING_PER_DISTANCE: f32 = 2.0;
-
-/// Standard deviation of a new Gaussian divided by the spacing between Gaussians. The paper's is 1.
-pub const RADIUS_PER_SPACING: f32 = 0.6;
 
 /// Returns the Gaussians that the growth rule in force adds to a map whose Gaussians have these `surfaces`.
 pub(crate) fn new_gaussians(

@@ -39,17 +39,16 @@ pub use belief::SegmentBelief;
 pub use error::MemoryError;
 pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings};
-pub use growth::RADIUS_PER_SPACING;
-pub use map::{NewGaussian, SplatMap, SurfaceKind};
+pub use map::{NewGaussian, SplatMap};
 pub use memory_rules::MemoryRules;
 pub use persistence::{Attached, LoadMemoryError};
-pub use ply::{ExportedForm, ExportedGaussian, write_exported};
+pub use ply::{ExportedForm, write_exported};
 pub use ply::{SavedCodes, SavedMemorySettings};
 pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFileView};
 pub use recall::{Recall, StoreTile, TileSurface};
 pub use segment_store::{LearningExtent, SegmentStore};
-pub use segments::{MAX_16_BIT_ID, MAX_SEGMENT_ID, SegmentHold};
-pub use settings::{COVERED, GrowthRule, MemoryKind, MemorySettings};
+pub use segments::SegmentHold;
+pub use settings::{GrowthRule, MemoryKind, MemorySettings};
 pub use splat_memory::{FrameUpdate, SplatMemory};
 
 #[cfg(doctest)]

@@ -1,9 +1,11 @@
 //! The Gaussians of the map: positions, radii and colours, without the segments that they remember.
 
 use glam::Vec3;
-use serde::{Deserialize, Serialize};
-use splatseg_geometry::KeyframeId;
+use splatseg_geometry::{KeyframeId, SurfaceKind};
 use splatseg_render::Balls;
+
+/// Standard deviation of a new Gaussian divided by the spacing between Gaussians. The paper's is 1.
+pub(crate) const RADIUS_PER_SPACING: f32 = 0.6;
 
 /// Attributes of the Gaussians that both kinds of memory need. Every array has one entry per Gaussian.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -21,28 +23,6 @@ pub struct SplatMap {
     pub anchors: Vec<KeyframeId>,
     /// What is known about the place of each Gaussian. Empty in a [`SplatFile`](crate::SplatFile), as `anchors`.
     pub surfaces: Vec<SurfaceKind>,
-}
-
-/// What is known about the place of a Gaussian. Depth is missing on screens, glass and black things, and beyond the
-/// sensor's range; Gaussians are added there nevertheless, so that their segments are remembered.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum SurfaceKind {
-    /// Depth was measured there.
-    #[default]
-    Observed,
-    /// It continues the plane of a measured surface.
-    Continued,
-    /// Nothing was measured near it: it has a direction, but its distance is arbitrary. It belongs to no shape and is no
-    /// point of a point cloud.
-    Assumed,
-}
-
-impl SurfaceKind {
-    /// True if the place means something: it was measured, or continues a measured surface.
-    pub fn has_place(self) -> bool {
-        self != Self::Assumed
-    }
 }
 
 /// A Gaussian to be added: the surface patch seen by a pixel or a block of pixels.

@@ -1,8 +1,16 @@
 //! What a kind of memory asks of the map and of the methods.
 
-use crate::{GrowthRule, MAX_SEGMENT_ID, MemorySettings};
-use splatseg_geometry::SegmentId;
+use crate::map::RADIUS_PER_SPACING;
+use crate::settings::COVERED;
+use crate::{GrowthRule, MemorySettings};
+use splatseg_geometry::{MAX_SEGMENT_ID, PatchSize, SegmentId};
 use splatseg_render::RasterLimits;
+
+/// Smaller alphas are not blended, for speed. The paper's memory blends down to 1/255.
+const MIN_ALPHA: f32 = 0.02;
+
+/// A pixel is finished when less light than this would come through, for speed. The paper's memory uses 1e-4.
+const MIN_TRANSMITTANCE: f32 = 0.01;
 
 /// The rules in which kinds of memory differ, apart from how they store segments; see
 /// [`SegmentStore::rules`](crate::SegmentStore::rules). `docs/METHOD.md` has them in a table. The default is that of
@@ -33,7 +41,7 @@ impl Default for MemoryRules {
     fn default() -> Self {
         Self {
             growth: GrowthRule::Missing,
-            limits: crate::evidence::limits(RasterLimits::default()),
+            limits: fast_limits(),
             compares_frames: true,
             expects_previous_ids: true,
             counts_ids_per_frame: true,
@@ -43,6 +51,14 @@ impl Default for MemoryRules {
     }
 }
 
+/// Limits that blend less than the paper's, for speed: scores change by less than 0.1, and half of the work is left.
+fn fast_limits() -> RasterLimits {
+    let limits = RasterLimits::default();
+    // The Gaussian that finishes a pixel is not blended, so a single Gaussian must not finish it.
+    let max_alpha = limits.max_alpha.min(1.0 - 2.0 * MIN_TRANSMITTANCE);
+    RasterLimits { min_alpha: MIN_ALPHA, max_alpha, min_transmittance: MIN_TRANSMITTANCE, ..limits }
+}
+
 impl MemoryRules {
     /// The rules with the growth rule of the settings, unless that is [`GrowthRule::Auto`].
     pub(crate) fn with_settings(self, settings: &MemorySettings) -> Self {
@@ -50,6 +66,16 @@ impl MemoryRules {
             GrowthRule::Auto => self,
             growth => Self { growth, ..self },
         }
+    }
+
+    /// The surface that a Gaussian stands for under these rules.
+    pub(crate) fn patch_size(&self, settings: &MemorySettings) -> PatchSize {
+        let (side, covering_alpha) = match self.growth {
+            GrowthRule::Paper => (1.0, settings.growth_silhouette),
+            _ => (1.0 / RADIUS_PER_SPACING, COVERED),
+        };
+        // A Gaussian's alpha is exp(-d² / 2r²) at distance d.
+        PatchSize { side, cover: (-2.0 * covering_alpha.clamp(0.1, 0.9).ln()).sqrt() }
     }
 
     /// True if the map follows the paper's rules for growing and removing.

@@ -7,10 +7,7 @@
 //! Origins lie on a grid of 16 m, so that moving Gaussians to another origin rounds them only where they get farther
 //! away: after a drive of 10 km and back they are still exact to a millimetre, however often the origin has moved.
 
-use crate::SplatMemory;
-use crate::recall::Recall;
 use glam::DVec3;
-use rayon::prelude::*;
 use splatseg_geometry::{LocalPose, Pose};
 
 /// The origin moves once the camera is farther from it than this along an axis, metres.
@@ -24,38 +21,12 @@ const GRID: f64 = 16.0;
 const MAX_STEP: f64 = 1e4;
 
 /// Number of far frames in a row whose poses are believed.
-const MIN_FAR_FRAMES: u8 = 3;
+pub(crate) const MIN_FAR_FRAMES: u8 = 3;
 
-impl SplatMemory {
-    /// Origin of the map's coordinates, in world coordinates, metres. It is the world's own origin unless cameras are
-    /// far from that, and may move with every frame.
-    pub fn origin(&self) -> DVec3 {
-        self.origin
-    }
-
-    /// True if the pose of a frame is so far off that it must be wrong: following it would round the map.
-    pub(crate) fn register_distance(&mut self, recall: &Recall<'_>) -> bool {
-        let distance = recall.frame.world_from_camera().translation().distance(self.origin);
-        let is_far = recall.jump.is_none() && self.gaussian_count() > 0 && distance > MAX_STEP;
-        self.recent.count_far_frame(is_far) < MIN_FAR_FRAMES && is_far
-    }
-
-    /// Moves the map's coordinates to an origin near the frame's camera, and moves the map with a jump of the poses.
-    pub(crate) fn follow(&mut self, recall: &mut Recall<'_>) {
-        if recall.jump.is_some() {
-            tracing::warn!("frame {}: the poses have jumped; the map moves with them", recall.frame.name());
-        }
-        let pose = recall.frame.world_from_camera();
-        let origin = origin_for(pose.translation(), self.origin);
-        if recall.jump.is_none() && origin == self.origin {
-            return;
-        }
-        let moved = change_of_origin(&recall.jump.unwrap_or(Pose::IDENTITY), self.origin, origin);
-        recall.moved_to(pose.relative_to(origin));
-        self.map.balls.means.par_iter_mut().for_each(|mean| *mean = moved.to_world(*mean));
-        self.recent.transform(&moved);
-        self.origin = origin;
-    }
+/// True if a camera at `position`, world coordinates, is so far from the map's `origin` that the pose must be wrong:
+/// following it would round the map.
+pub(crate) fn is_far(position: DVec3, origin: DVec3) -> bool {
+    position.distance(origin) > MAX_STEP
 }
 
 /// Returns the origin for a camera at `position`, world coordinates: `present` as long as that is near.

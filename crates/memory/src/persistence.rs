@@ -9,9 +9,9 @@ use crate::segment_store::SegmentStore;
 use crate::segments::{SavedSegment, Segments};
 use crate::{
     MemoryError, MemoryKind, MemoryRules, MemorySettings, SplatContent, SplatFile, SplatFileError, SplatFileView,
-    SplatMemory, SurfaceKind,
+    SplatMemory,
 };
-use splatseg_geometry::SegmentId;
+use splatseg_geometry::{SegmentId, SurfaceKind};
 use std::path::Path;
 use thiserror::Error;
 
@@ -83,7 +83,7 @@ impl SplatMemory {
     pub fn save_with(&self, path: impl AsRef<Path>, attached: Attached<'_>) -> Result<(), SplatFileError> {
         let no_format = || SplatFileError::NoFormat { path: path.as_ref().to_owned() };
         let content = self.store.content().ok_or_else(no_format)?;
-        let segment_ids = self.segment_ids();
+        let segment_ids = self.store.segment_ids();
         let live = self.segments.saved_live();
         let ids: Vec<SegmentId> = live.iter().map(|segment| segment.id).collect();
         let sightings: Vec<u32> = live.iter().map(|segment| segment.sightings).collect();

@@ -1,9 +1,9 @@
 //! The memory as seen by one frame's camera.
 
 use crate::removal::{FrameTrust, Visibility, VisibleBalls, visibilities};
-use crate::{MemoryRules, MemorySettings, SegmentBelief, SplatMemory};
+use crate::{MemoryRules, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
-use splatseg_geometry::{CowImage, Image, LocalPose, Pose, RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap};
+use splatseg_geometry::{CowImage, Image, LocalPose, Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, TileWeights, View};
 
 /// Pixels of a tile.
@@ -39,6 +39,17 @@ pub struct Recall<'f> {
     pub(crate) tiles: Vec<StoreTile>,
 }
 
+/// Where a frame was taken, in the coordinates of the map.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct FramePlace {
+    /// The frame's pose.
+    pub map_from_camera: LocalPose,
+    /// Pose that the view is rendered from.
+    pub viewed_from: LocalPose,
+    /// Transform from the world of earlier poses to the world of the frame's pose, if they differ.
+    pub jump: Option<Pose>,
+}
+
 /// Surfaces of the frame and of the map in one tile, without segments. Buffers are `[16, 16]`.
 #[derive(Clone, Debug)]
 pub struct TileSurface {
@@ -66,7 +77,7 @@ pub struct StoreTile {
 }
 
 impl<'f> Recall<'f> {
-    /// Renders `map` with the camera of `frame` and reads the expected segments of each tile with `read_tile`.
+    /// Renders `map` with the camera of `frame` at its place and reads the expected segments of each tile with `read_tile`.
     ///
     /// Gaussians that the frame sees through are left out. Gaussians within the tolerance behind the frame's surface
     /// count as that surface.
@@ -74,10 +85,11 @@ impl<'f> Recall<'f> {
         map: &Balls,
         read_tile: impl Fn(&TileWeights, &TileSurface) -> StoreTile + Sync,
         frame: &'f RgbdFrame,
-        camera: &Camera,
+        place: &FramePlace,
         trust: FrameTrust,
         (settings, rules): (&MemorySettings, &MemoryRules),
     ) -> Self {
+        let camera = &Camera { limits: rules.limits, ..Camera::new(*frame.intrinsics(), &place.viewed_from) };
         let is_papers_map = rules.is_papers_map();
         let needs_visibility = !is_papers_map || rules.compares_frames;
         let (visibility, contradicts_map) = match needs_visibility {
@@ -94,9 +106,9 @@ impl<'f> Recall<'f> {
         let mut recall = Self {
             frame,
             view,
-            map_from_camera: LocalPose::IDENTITY,
-            viewed_from: LocalPose::IDENTITY,
-            jump: None,
+            map_from_camera: place.map_from_camera,
+            viewed_from: place.viewed_from,
+            jump: place.jump,
             contradicts_map,
             links_previous: false,
             visibility,
@@ -113,11 +125,25 @@ impl<'f> Recall<'f> {
         recall
     }
 
+    /// Expects the ids of the previous frame, `[height, width]`, 0 for none, at pixels where the map expects none.
+    pub(crate) fn expecting_previous(mut self, ids: &SegmentMap) -> Self {
+        self.links_previous = true;
+        let belief = self.belief.segments.pixels_mut().iter_mut().zip(self.belief.confidence.pixels_mut());
+        for ((segment, confidence), id) in belief.zip(ids.pixels()) {
+            if *segment == 0 && *id != 0 {
+                *segment = *id;
+                *confidence = 1.0;
+            }
+        }
+        self
+    }
+
     /// Sets the frame's pose in the coordinates that the map is moved to.
     pub(crate) fn moved_to(&mut self, map_from_camera: LocalPose) {
         let limits = self.view.camera().limits;
         self.view.set_camera(Camera { limits, ..Camera::new(*self.frame.intrinsics(), &map_from_camera) });
-        (self.map_from_camera, self.viewed_from) = (map_from_camera, map_from_camera);
+        self.map_from_camera = map_from_camera;
+        self.viewed_from = map_from_camera;
     }
 
     fn put(&mut self, index: usize, found: &StoreTile, surface: &TileSurface) {
@@ -185,31 +211,6 @@ impl<'f> Recall<'f> {
             }
         });
         map
-    }
-}
-
-impl SplatMemory {
-    /// Renders the segments that the memory expects `frame` to show.
-    pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
-        let _stage = tracing::debug_span!(target: STAGE_TARGET, "decode").entered();
-        let jump = if self.follows_jumps() { self.recent.jump(frame, self.origin, &self.settings) } else { None };
-        let reported = frame.world_from_camera();
-        let before_jump = jump.map_or(*reported, |jump| jump.inverse() * *reported);
-        let (pose, map_from_camera) = (before_jump.relative_to(self.origin), reported.relative_to(self.origin));
-        let trust = self.recent.trust(frame, &pose, &self.settings);
-        let camera = self.camera(frame, &pose);
-        let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
-        let mut recall = Recall::new(&self.map.balls, read_tile, frame, &camera, trust, (&self.settings, &self.rules));
-        (recall.map_from_camera, recall.viewed_from, recall.jump) = (map_from_camera, pose, jump);
-        if self.rules.expects_previous_ids {
-            self.recent.expect(&mut recall, &self.settings);
-        }
-        recall
-    }
-
-    /// Camera of a frame at `pose`, with the blending limits of the kind of memory.
-    fn camera(&self, frame: &RgbdFrame<'_>, pose: &LocalPose) -> Camera {
-        Camera { limits: self.rules.limits, ..Camera::new(*frame.intrinsics(), pose) }
     }
 }
 

@@ -5,10 +5,10 @@
 //! ([`record_visibility`]).
 
 use crate::MemorySettings;
-use crate::map::{SplatMap, SurfaceKind};
+use crate::map::SplatMap;
 use glam::Vec3;
 use rayon::prelude::*;
-use splatseg_geometry::RgbdFrame;
+use splatseg_geometry::{RgbdFrame, SurfaceKind};
 use splatseg_render::{Balls, Camera, Shape, Splats};
 
 /// A frame contradicts the map if it sees through more than this share of the Gaussians that it sees or sees through.

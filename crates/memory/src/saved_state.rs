@@ -4,11 +4,10 @@
 //! It is written as JSON, because it is small and its parts change more often than the map. Empty text stands for the
 //! default state.
 
-use crate::map::SurfaceKind;
 use crate::recent::SavedRecentFrames;
 use crate::segments::SavedIds;
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{KeyframeId, SegmentId};
+use splatseg_geometry::{KeyframeId, SegmentId, SurfaceKind};
 
 /// Maximum length of the text, when it is written and when it is read.
 pub(crate) const MAX_BYTES: u64 = 1 << 28;

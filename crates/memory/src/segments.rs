@@ -7,14 +7,8 @@ mod tests;
 use released::ReleasedIds;
 pub(crate) use released::SavedRelease;
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{RemappedId, SegmentId, SegmentMap};
+use splatseg_geometry::{MAX_16_BIT_ID, MAX_SEGMENT_ID, RemappedId, SegmentId, SegmentMap};
 use std::collections::{BTreeMap, BTreeSet};
-
-/// The largest id: an 8-bit RGB image holds 24 bits.
-pub const MAX_SEGMENT_ID: SegmentId = (1 << 24) - 1;
-
-/// Largest id that fits a 16-bit image. All ids up to it are given out before a released id is reused.
-pub const MAX_16_BIT_ID: SegmentId = u16::MAX as SegmentId;
 
 /// Frames in which an id must be predicted to stop being tentative. Lost ids with fewer sightings are released, so an
 /// id that reappears without having been released has at least this many.

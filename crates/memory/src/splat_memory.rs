@@ -1,19 +1,26 @@
 //! The memory itself: its state, and the steps of each frame.
 
 use crate::co_visible::CoVisibleIds;
+use crate::correction::{merge_doubles, motions, move_anchored, recognised, same_objects};
+use crate::doubles::Corrected;
 use crate::evidence::EvidenceStore;
 use crate::features::FeatureStore;
 use crate::growth::new_gaussians;
-use crate::map::{SplatMap, SurfaceKind};
+use crate::map::SplatMap;
+use crate::origin::{MIN_FAR_FRAMES, change_of_origin, is_far, origin_for};
+use crate::recall::{FramePlace, Recall, TileSurface};
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
 use crate::segment_store::SegmentStore;
 use crate::segments::{LostIds, Segments};
-use crate::{LearningExtent, MemoryError, MemoryKind, MemoryRules, MemorySettings, Recall};
+use crate::{LearningExtent, MemoryError, MemoryKind, MemoryRules, MemorySettings};
 use glam::DVec3;
 use rayon::prelude::*;
-use splatseg_geometry::{FrameAnchor, KeyframeId, RemappedId, STAGE_TARGET, SegmentId, SegmentMap};
-use splatseg_render::Balls;
+use splatseg_geometry::{
+    FrameAnchor, KeyframeId, MapCorrection, MapSegments, MapView, Pose, RemappedId, RgbdFrame, STAGE_TARGET, SegmentId,
+    SegmentMap,
+};
+use splatseg_render::TileWeights;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Frames between two counts of the ids that Gaussians show, where they are not counted after every frame.
@@ -59,7 +66,7 @@ pub struct FrameUpdate {
     pub grown: usize,
     /// Gaussians removed.
     pub removed: usize,
-    /// Ids that are not carried any more; see [`SplatMemory::carried_ids`].
+    /// Ids that are not carried any more; see [`MapView::carried_ids`].
     pub forgotten: Vec<SegmentId>,
     /// Ids predicted for the first time. An id that belonged to another object before stands for the new object from
     /// this frame on.
@@ -136,6 +143,34 @@ impl SplatMemory {
         Ok(id)
     }
 
+    /// Sets the keyframe to which new Gaussians are attached.
+    pub fn set_anchor(&mut self, anchor: &FrameAnchor) {
+        self.anchor = anchor.clone();
+    }
+
+    /// Renders the segments that the memory expects `frame` to show.
+    pub fn recall<'f>(&self, frame: &'f RgbdFrame<'_>) -> Recall<'f> {
+        let _stage = tracing::debug_span!(target: STAGE_TARGET, "decode").entered();
+        let jump = if self.follows_jumps() { self.recent.jump(frame, self.origin, &self.settings) } else { None };
+        let reported = frame.world_from_camera();
+        let before_jump = jump.map_or(*reported, |jump| jump.inverse() * *reported);
+        let place = FramePlace {
+            map_from_camera: reported.relative_to(self.origin),
+            viewed_from: before_jump.relative_to(self.origin),
+            jump,
+        };
+        let trust = self.recent.trust(frame, &place.viewed_from, &self.settings);
+        let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
+        let recall = Recall::new(&self.map.balls, read_tile, frame, &place, trust, (&self.settings, &self.rules));
+        if !self.rules.expects_previous_ids {
+            return recall;
+        }
+        match self.recent.expected_ids(&recall, &self.settings) {
+            Some(ids) => recall.expecting_previous(&ids),
+            None => recall,
+        }
+    }
+
     /// Combines the expected segments with the frame's predictions. `predicted` contains the predicted id visible at
     /// each pixel, 0 for none. Returns the frame's segments, `[height, width]`.
     ///
@@ -205,6 +240,70 @@ impl SplatMemory {
         Ok(FrameUpdate { new_segments, forgotten, ..FrameUpdate::default() })
     }
 
+    /// Records the ids that a frame shows, `[height, width]`, 0 for none. Ids that were shown side by side never become
+    /// one.
+    pub fn record_shown(&mut self, segments: &SegmentMap) {
+        self.co_visible.record(segments);
+    }
+
+    /// Moves the Gaussians with their keyframes, and joins the surfaces and ids that are there twice. Returns the ids that
+    /// turned out to be older ones' objects.
+    pub fn correct(&mut self, correction: &MapCorrection) -> Vec<RemappedId> {
+        let before = self.map.balls.means.clone();
+        let motions = motions(correction, self.origin);
+        move_anchored(&mut self.map, &motions);
+        if let Some(motion) = motions.get(&self.anchor.keyframe) {
+            self.recent.transform(motion);
+        }
+        if correction.joined.is_empty() || !self.store.can_remap() {
+            return Vec::new();
+        }
+        let SplatMap { balls, anchors, .. } = &self.map;
+        let corrected = Corrected { before: &before, means: &balls.means, radii: &balls.radii, anchors };
+        let doubles = corrected.doubles();
+        if doubles.is_empty() {
+            return Vec::new();
+        }
+        let remapped = same_objects(&doubles, &self.store.segment_ids(), &balls.radii, &self.co_visible);
+        self.remap(&remapped);
+        let keep = merge_doubles(&mut self.map, self.store.as_mut(), &doubles);
+        self.retain(&keep);
+        remapped
+    }
+
+    /// Gives the ids of the latest frame, if its pose was unknown, to those that a frame whose pose is known shows
+    /// instead. `segments` contains its id of each pixel, `[height, width]`, 0 for none. Must be called before
+    /// [`Self::update`]. Only ids without Gaussians change: the map knows nothing about them yet. Returns the changed ids.
+    pub fn remap_recognised(&mut self, segments: &SegmentMap) -> Vec<RemappedId> {
+        let Some(without_pose) = self.recent.ids_without_pose().filter(|ids| ids.size() == segments.size()) else {
+            return Vec::new();
+        };
+        let mapped: BTreeSet<SegmentId> = self.store.segment_ids().into_iter().collect();
+        let remapped = recognised(without_pose, segments, &mapped, &self.co_visible);
+        self.remap(&remapped);
+        remapped
+    }
+
+    /// The ids that turned out to be older ones' objects, since the memory was created: the id and the older one.
+    pub fn remapped_ids(&self) -> &BTreeMap<SegmentId, SegmentId> {
+        &self.remapped
+    }
+
+    fn remap(&mut self, remapped: &[RemappedId]) {
+        if remapped.is_empty() {
+            return;
+        }
+        let new_from_old: BTreeMap<SegmentId, SegmentId> = remapped.iter().map(|ids| (ids.from, ids.into)).collect();
+        self.store.remap(&new_from_old);
+        self.recent.remap(&new_from_old);
+        for ids in remapped {
+            self.co_visible.remap(*ids);
+            self.segments.remap(*ids);
+            self.remapped.values_mut().filter(|into| **into == ids.from).for_each(|into| *into = ids.into);
+            self.remapped.insert(ids.from, ids.into);
+        }
+    }
+
     /// The ids of the latest frame, `[height, width]`, 0 for none: its predictions, not what was shown. `None` before the
     /// first frame.
     pub fn latest_ids(&self) -> Option<&SegmentMap> {
@@ -220,6 +319,31 @@ impl SplatMemory {
     /// its pose is unknown, its masks do not get the ids of the latest frame's masks at the same pixels.
     pub fn start_session(&mut self) {
         self.recent.start_session();
+    }
+
+    /// True if the pose of a frame is so far off that it must be wrong. Counts such frames: several in a row are believed.
+    fn register_distance(&mut self, recall: &Recall<'_>) -> bool {
+        let is_far = recall.jump.is_none()
+            && self.map.len() > 0
+            && is_far(recall.frame.world_from_camera().translation(), self.origin);
+        self.recent.count_far_frame(is_far) < MIN_FAR_FRAMES && is_far
+    }
+
+    /// Moves the map's coordinates to an origin near the frame's camera, and moves the map with a jump of the poses.
+    fn follow(&mut self, recall: &mut Recall<'_>) {
+        if recall.jump.is_some() {
+            tracing::warn!("frame {}: the poses have jumped; the map moves with them", recall.frame.name());
+        }
+        let pose = recall.frame.world_from_camera();
+        let origin = origin_for(pose.translation(), self.origin);
+        if recall.jump.is_none() && origin == self.origin {
+            return;
+        }
+        let moved = change_of_origin(&recall.jump.unwrap_or(Pose::IDENTITY), self.origin, origin);
+        recall.moved_to(pose.relative_to(origin));
+        self.map.balls.means.par_iter_mut().for_each(|mean| *mean = moved.to_world(*mean));
+        self.recent.transform(&moved);
+        self.origin = origin;
     }
 
     /// Removes the Gaussians of surfaces that are gone, and the ones unseen for longest if there are too many. Returns
@@ -290,7 +414,7 @@ impl SplatMemory {
             return LostIds::default();
         }
         if holds.is_none() {
-            self.segments.set_shown(&distinct(&self.segment_ids()));
+            self.segments.set_shown(&distinct(&self.store.segment_ids()));
         }
         self.segments.set_held(self.recent.held_ids());
         let lost_ids = self.segments.release_ids();
@@ -340,61 +464,56 @@ impl SplatMemory {
         self.segments.highest() as usize
     }
 
-    /// True if an id is tentative: predicted in one frame at most. From the second frame on it is permanent.
-    pub fn is_tentative(&self, id: SegmentId) -> bool {
+    /// The map: its Gaussians, and the segments that they show.
+    pub fn map(&self) -> MapView<'_> {
+        MapView {
+            origin: self.origin,
+            means: &self.map.balls.means,
+            radii: &self.map.balls.radii,
+            colors: &self.map.colors,
+            surfaces: &self.map.surfaces,
+            patch: self.rules.patch_size(&self.settings),
+            segments: self,
+        }
+    }
+}
+
+impl MapSegments for SplatMemory {
+    fn segment_ids(&self) -> Vec<SegmentId> {
+        self.store.segment_ids()
+    }
+
+    fn segment_shares(&self) -> Option<Vec<f32>> {
+        self.store.segment_shares()
+    }
+
+    fn segment_votes(&self) -> Option<Vec<f32>> {
+        self.store.segment_votes()
+    }
+
+    fn segment_confidences(&self) -> Option<Vec<f32>> {
+        let content = self.store.content()?;
+        let ids = self.store.segment_ids().into_iter().enumerate();
+        Some(ids.map(|(index, id)| content.confidence(index, id)).collect())
+    }
+
+    fn is_tentative(&self, id: SegmentId) -> bool {
         self.segments.is_tentative(id)
     }
 
-    /// True if an id was carried after the last frame; see [`Self::carried_ids`].
-    pub fn is_carried(&self, id: SegmentId) -> bool {
+    fn is_carried(&self, id: SegmentId) -> bool {
         self.segments.is_carried(id)
     }
 
-    /// Returns the ids that a Gaussian shows, or that the previous frame holds for the next one. All other ids that
-    /// were given out are forgotten.
-    pub fn carried_ids(&self) -> BTreeSet<SegmentId> {
-        let mut carried = distinct(&self.segment_ids());
+    fn carried_ids(&self) -> BTreeSet<SegmentId> {
+        let mut carried = distinct(&self.store.segment_ids());
         carried.extend(self.recent.held_ids());
         carried
     }
 
-    /// Number of parameters of all Gaussians. Each has 3 for position, 1 for radius, 3 for colour, and 8 (votes) or D
-    /// (features) for segments.
-    pub fn parameter_count(&self) -> usize {
-        self.gaussian_count() * (SplatMap::NUMBERS + self.store.numbers_per_gaussian())
-    }
-
-    /// Centres and radii of the Gaussians, metres, relative to [`Self::origin`].
-    pub fn balls(&self) -> &Balls {
-        &self.map.balls
-    }
-
-    /// Colours of the Gaussians, sRGB.
-    pub fn colors(&self) -> &[[u8; 3]] {
-        &self.map.colors
-    }
-
-    /// What is known about the place of each Gaussian. Those without a place ([`SurfaceKind::has_place`]) belong to no
-    /// shape and no point cloud.
-    pub fn surfaces(&self) -> &[SurfaceKind] {
-        &self.map.surfaces
-    }
-
-    /// Returns the segment that each Gaussian shows by itself, 0 for none.
-    pub fn segment_ids(&self) -> Vec<SegmentId> {
-        self.store.segment_ids()
-    }
-
-    /// Returns the share, 0 to 1, of each Gaussian's votes that are for its segment in
-    /// [`segment_ids`](Self::segment_ids); 1 in a memory without a second opinion.
-    pub fn segment_shares(&self) -> Vec<f32> {
-        self.store.segment_shares().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
-    }
-
-    /// Returns how often each Gaussian was seen as its segment in [`segment_ids`](Self::segment_ids), in frames, up to a
-    /// maximum; 1 in a memory that does not count.
-    pub fn segment_votes(&self) -> Vec<f32> {
-        self.store.segment_votes().unwrap_or_else(|| vec![1.0; self.gaussian_count()])
+    /// Each Gaussian has 3 for position, 1 for radius, 3 for colour, and 8 (votes) or D (features) for segments.
+    fn parameter_count(&self) -> usize {
+        self.map.len() * (SplatMap::NUMBERS + self.store.numbers_per_gaussian())
     }
 }
 

@@ -95,7 +95,8 @@ impl VideoScorer {
         self.vsq.push(&overlaps, tube_of_label);
         self.stq.push(&overlaps, tube_of_label);
         self.by_size.push(&overlaps, tube_of_label);
-        (self.size, self.linkage) = (Some(size), Some(linkage));
+        self.size = Some(size);
+        self.linkage = Some(linkage);
         self.frames += 1;
         Ok(())
     }

@@ -15,7 +15,7 @@ fn main() -> Result<(), String> {
     let mut errors = Vec::new();
     for seed in first..=last {
         let seen = seen_room(room(seed), Pose::IDENTITY);
-        let shapes = object_shapes(&seen.memory);
+        let shapes = object_shapes(&seen.memory.map());
         for thing in seen.boxes() {
             let found = seen.box_errors(thing, &shapes[&thing.id]);
             let BoxErrors { off, iou, aligned_iou } = found;

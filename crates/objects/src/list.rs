@@ -3,8 +3,7 @@
 use crate::{BoundingBox, ObjectLog, ObjectNames, ObjectShape, SeenObjects, object_shapes};
 use serde::{Deserialize, Serialize};
 use serde_json::ser::Formatter;
-use splatseg_geometry::SegmentId;
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::{MapView, SegmentId};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
@@ -120,12 +119,12 @@ impl ObjectList {
     /// The value of the key `version`.
     pub const VERSION: u32 = 1;
 
-    /// The objects in a log or a memory. Without a memory, shapes and states are unknown.
+    /// The objects in a log or a map. Without a map, shapes and states are unknown.
     ///
     /// Names, times, confidences and best views are unknown until [`Self::add_sightings`] is called.
-    pub fn new(log: &ObjectLog, memory: Option<&SplatMemory>) -> Self {
-        let mut shapes = memory.map(object_shapes).unwrap_or_default();
-        let carried = memory.map(SplatMemory::carried_ids);
+    pub fn new(log: &ObjectLog, map: Option<MapView<'_>>) -> Self {
+        let mut shapes = map.as_ref().map(object_shapes).unwrap_or_default();
+        let carried = map.map(|map| map.carried_ids());
         let ids: BTreeSet<SegmentId> =
             log.records().keys().chain(shapes.keys()).chain(carried.iter().flatten()).copied().collect();
         let stamp = |number| FrameStamp { number, name: None, file: None, time_s: None };
@@ -135,7 +134,7 @@ impl ObjectList {
             Object {
                 id,
                 label: None,
-                state: memory.zip(carried.as_ref()).map(|(memory, carried)| state_of(id, memory, carried)),
+                state: map.zip(carried.as_ref()).map(|(map, carried)| state_of(id, &map, carried)),
                 frames: record.map_or(0, |record| record.frames),
                 first_frame: record.map(|record| stamp(record.first_frame)),
                 last_frame: record.map(|record| stamp(record.last_frame)),
@@ -204,8 +203,8 @@ impl Default for Conventions {
     }
 }
 
-fn state_of(id: SegmentId, memory: &SplatMemory, carried: &BTreeSet<SegmentId>) -> ObjectState {
-    match (carried.contains(&id), memory.is_tentative(id)) {
+fn state_of(id: SegmentId, map: &MapView<'_>, carried: &BTreeSet<SegmentId>) -> ObjectState {
+    match (carried.contains(&id), map.is_tentative(id)) {
         (false, _) => ObjectState::Forgotten,
         (true, true) => ObjectState::Tentative,
         (true, false) => ObjectState::Remembered,

@@ -47,7 +47,8 @@ impl Sightings {
             self.last_frame = other.last_frame;
         }
         if other.score > self.score {
-            (self.best_view, self.score) = (other.best_view, other.score);
+            self.best_view = other.best_view;
+            self.score = other.score;
         }
         self.frames += other.frames;
         self.summed_confidence += other.summed_confidence;
@@ -109,7 +110,8 @@ impl SeenObjects {
             });
             let is_better = score > CLEARLY_BETTER * object.score;
             if is_better {
-                (object.best_view, object.score) = (view(), score);
+                object.best_view = view();
+                object.score = score;
             }
             if is_better || object.frames == 0 {
                 improved.push(sighting.id);

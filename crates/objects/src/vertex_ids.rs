@@ -2,8 +2,7 @@
 
 use glam::{IVec3, Vec3};
 use rayon::prelude::*;
-use splatseg_geometry::SegmentId;
-use splatseg_memory::ExportedGaussian;
+use splatseg_geometry::{MapGaussian, SegmentId};
 use std::collections::HashMap;
 
 /// Reach of a Gaussian, standard deviations.
@@ -25,7 +24,7 @@ pub struct VertexId {
 /// Returns the id of each vertex: the one with the most weight among the Gaussians that reach it. A Gaussian reaches
 /// three standard deviations, but at least 5 and at most 30 cm. Its weight falls linearly with the distance and is
 /// proportional to the confidence of its id. Vertices and Gaussians are in the same world coordinates, metres.
-pub fn vertex_ids(gaussians: &[ExportedGaussian], vertices: &[Vec3]) -> Vec<VertexId> {
+pub fn vertex_ids(gaussians: &[MapGaussian], vertices: &[Vec3]) -> Vec<VertexId> {
     let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
     for (index, gaussian) in gaussians.iter().enumerate().filter(|(_, gaussian)| gaussian.mean.is_finite()) {
         let (least, most) = (cell(gaussian.mean - reach(gaussian)), cell(gaussian.mean + reach(gaussian)));
@@ -42,7 +41,7 @@ pub fn vertex_ids(gaussians: &[ExportedGaussian], vertices: &[Vec3]) -> Vec<Vert
     vertices.par_iter().map(around).collect()
 }
 
-fn reach(gaussian: &ExportedGaussian) -> f32 {
+fn reach(gaussian: &MapGaussian) -> f32 {
     (REACH_IN_RADII * gaussian.radius).max(REACH_M.0).min(REACH_M.1)
 }
 
@@ -50,7 +49,7 @@ fn cell(point: Vec3) -> IVec3 {
     (point / CELL_M).floor().as_ivec3()
 }
 
-fn vertex_id<'g>(vertex: Vec3, near: impl Iterator<Item = &'g ExportedGaussian>) -> VertexId {
+fn vertex_id<'g>(vertex: Vec3, near: impl Iterator<Item = &'g MapGaussian>) -> VertexId {
     let (mut weights, mut sum): (Vec<(SegmentId, f32)>, f32) = (Vec::new(), 0.0);
     for gaussian in near {
         let weight = gaussian.confidence * (1.0 - gaussian.mean.distance(vertex) / reach(gaussian));
@@ -72,8 +71,8 @@ fn vertex_id<'g>(vertex: Vec3, near: impl Iterator<Item = &'g ExportedGaussian>)
 mod tests {
     use super::*;
 
-    fn gaussian(x: f32, segment_id: SegmentId, confidence: f32) -> ExportedGaussian {
-        ExportedGaussian { mean: Vec3::new(x, 0.0, 0.0), radius: 0.01, color: [0; 3], segment_id, confidence }
+    fn gaussian(x: f32, segment_id: SegmentId, confidence: f32) -> MapGaussian {
+        MapGaussian { mean: Vec3::new(x, 0.0, 0.0), radius: 0.01, color: [0; 3], segment_id, confidence }
     }
 
     #[test]

@@ -93,7 +93,8 @@ impl RunOutput for ObjectsFile {
                 continue;
             };
             let Some((area, bounding_box)) = extent_of(frame.segments, *id) else { continue };
-            (view.area_px, view.bounding_box) = (area, bounding_box);
+            view.area_px = area;
+            view.bounding_box = bounding_box;
             view.color = mean_color(frame.color, frame.segments, *id, &bounding_box);
             if let Some(crop) = Crop::of(frame.color, frame.segments, *id, &bounding_box) {
                 self.crops.add(*id, frame.number, crop);

@@ -2,8 +2,7 @@
 
 use crate::OutputError;
 use splatseg_dataset::read_segments_png;
-use splatseg_geometry::{CowImage, FrameAnchor, Pose, RemappedId, RgbdFrame, SegmentId, SegmentMap};
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::{CowImage, FrameAnchor, MapView, Pose, RemappedId, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_objects::{MapChanges, ObjectList, ObjectSighting, RemapLog};
 use splatseg_odometry::PoseState;
 use std::collections::BTreeSet;
@@ -55,8 +54,8 @@ pub struct RunEnd<'a> {
     pub scene: &'a str,
     /// Every object that was seen in a frame or is in the memory.
     pub objects: &'a ObjectList,
-    /// The memory, if the method has one.
-    pub memory: Option<&'a SplatMemory>,
+    /// The map, if the method has one.
+    pub map: Option<MapView<'a>>,
     /// For each frame passed to [`RunOutput::add_frame`], the correction of its pose since then: new world coordinates
     /// from old ones. `None` if the pose has not changed; frames past the end have not changed either.
     pub pose_corrections: &'a [Option<Pose>],
@@ -70,8 +69,8 @@ pub struct RunEnd<'a> {
 /// Changes since an earlier map.
 #[derive(Clone, Copy, Debug)]
 pub struct ChangesSince<'a> {
-    /// The earlier map, in the same world coordinates as [`RunEnd::memory`].
-    pub before: &'a SplatMemory,
+    /// The earlier map, in the same world coordinates as [`RunEnd::map`].
+    pub before: MapView<'a>,
     /// The changes.
     pub changes: &'a MapChanges,
 }

@@ -182,7 +182,10 @@ impl TileWeights {
 
     /// Resets to another tile without weights, keeping the allocations.
     pub(crate) fn restart(&mut self, left: usize, top: usize, width: usize, height: usize) {
-        (self.left, self.top, self.width, self.height) = (left, top, width, height);
+        self.left = left;
+        self.top = top;
+        self.width = width;
+        self.height = height;
         self.gaussians.clear();
         self.depths.clear();
         self.weight_sums.clear();

@@ -5,7 +5,8 @@ use super::eval::EvalArguments;
 use super::terminal::counted;
 use serde::Serialize;
 use splatseg::evaluation::MeshTruth;
-use splatseg_memory::{ExportedGaussian, SplatFile};
+use splatseg_geometry::MapGaussian;
+use splatseg_memory::SplatFile;
 use splatseg_output::write_atomically;
 use std::path::Path;
 
@@ -30,7 +31,7 @@ pub fn eval_mesh(arguments: &EvalArguments, mesh: &Path, instances: &Path) -> Re
     arguments.memory_limit()?.enforce();
     let truth = MeshTruth::read(mesh, instances, &arguments.void_labels).map_err(Failure::input)?;
     let file = SplatFile::load(&arguments.pred).map_err(Failure::input)?;
-    let gaussians: Vec<ExportedGaussian> = file.gaussians().collect();
+    let gaussians: Vec<MapGaussian> = file.gaussians().collect();
     let found = truth.score(&gaussians, file.origin).map_err(Failure::input)?;
     let scores = found.scorer.scores();
     let evaluation = MeshEvaluation {

@@ -8,8 +8,8 @@ use super::terminal::counted;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
 use splatseg_files::{AtomicFile, sync_file_system};
-use splatseg_geometry::SegmentId;
-use splatseg_memory::{ExportedForm, ExportedGaussian, SplatFile, SurfaceKind, write_exported};
+use splatseg_geometry::{MapGaussian, SegmentId, SurfaceKind};
+use splatseg_memory::{ExportedForm, SplatFile, write_exported};
 use splatseg_output::segment_color;
 use std::collections::BTreeSet;
 use std::io::Write;
@@ -128,12 +128,12 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
 }
 
 /// The Gaussians of a file; as points only those that have a place.
-fn exported(file: &SplatFile, arguments: &ExportArguments) -> Result<Vec<ExportedGaussian>, Failure> {
+fn exported(file: &SplatFile, arguments: &ExportArguments) -> Result<Vec<MapGaussian>, Failure> {
     let map = arguments.map.display();
     let surfaces = file.surfaces().map_err(|error| Failure::input(format!("{map}: {error}")))?;
     let is_wanted = |surface: &SurfaceKind| arguments.form == Form::Gaussians || surface.has_place();
     let all = file.gaussians().zip(surfaces);
-    let wanted: Vec<ExportedGaussian> = all.filter(|(_, surface)| is_wanted(surface)).map(|(one, _)| one).collect();
+    let wanted: Vec<MapGaussian> = all.filter(|(_, surface)| is_wanted(surface)).map(|(one, _)| one).collect();
     let left_out = file.segment_ids.len() - wanted.len();
     if left_out > 0 {
         say_error!("left out: {} without depth, whose distance is not known", counted(left_out, "Gaussian"));
@@ -142,7 +142,7 @@ fn exported(file: &SplatFile, arguments: &ExportArguments) -> Result<Vec<Exporte
 }
 
 /// Keeps the selected Gaussians.
-fn select(arguments: &ExportArguments, gaussians: &mut Vec<ExportedGaussian>) -> Result<(), Failure> {
+fn select(arguments: &ExportArguments, gaussians: &mut Vec<MapGaussian>) -> Result<(), Failure> {
     let map = arguments.map.display();
     let known = object_ids(gaussians);
     let unknown: BTreeSet<SegmentId> = arguments.id.iter().filter(|id| !known.contains(id)).copied().collect();
@@ -172,7 +172,7 @@ fn select(arguments: &ExportArguments, gaussians: &mut Vec<ExportedGaussian>) ->
 }
 
 /// Returns the objects that Gaussians show.
-fn object_ids(gaussians: &[ExportedGaussian]) -> BTreeSet<SegmentId> {
+fn object_ids(gaussians: &[MapGaussian]) -> BTreeSet<SegmentId> {
     gaussians.iter().map(|gaussian| gaussian.segment_id).filter(|id| *id != 0).collect()
 }
 
@@ -231,7 +231,7 @@ impl Places {
         path: &Path,
         form: Form,
         origin: DVec3,
-        gaussians: &[ExportedGaussian],
+        gaussians: &[MapGaussian],
         wait: Wait,
     ) -> Result<(), Failure> {
         let form = match form {

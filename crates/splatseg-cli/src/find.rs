@@ -65,7 +65,7 @@ pub fn find(arguments: &FindArguments) -> Result<(), Failure> {
 }
 
 fn print(map: &NamedMap, found: impl Iterator<Item = (SegmentId, Option<f32>)>) {
-    let shapes = object_shapes(&map.memory);
+    let shapes = object_shapes(&map.memory.map());
     for (id, similarity) in found {
         let label = map.names.label(id).unwrap_or("without label");
         let similarity = similarity.map_or_else(String::new, |similarity| format!(", similarity {similarity:.2}"));

@@ -6,6 +6,7 @@ use super::terminal::counted;
 use clap::Args;
 use splatseg::settings::SettingsLayers;
 use splatseg_files::AtomicFile;
+use splatseg_geometry::MapView;
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{ChangedObject, DepthView, MapChanges, ObjectShape, ObservedMap};
 use splatseg_odometry::keyframe_views;
@@ -40,7 +41,7 @@ pub struct DiffArguments {
 /// The state of a map before a run.
 pub struct MapBefore {
     memory: SplatMemory,
-    map: ObservedMap,
+    observed: ObservedMap,
     keyframes: Vec<u8>,
 }
 
@@ -48,21 +49,25 @@ impl MapBefore {
     /// Loads a saved memory. `None` if it has no keyframes: it was saved by an earlier version, and does not tell what was
     /// looked at.
     pub fn load(path: &Path) -> Result<Option<Self>, Failure> {
-        let Some((memory, keyframes)) = load_with_keyframes(path)? else { return Ok(None) };
-        let views = views(&keyframes, None).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
-        let map = ObservedMap::new(&memory, views);
-        Ok(Some(Self { memory, map, keyframes }))
+        load_with_keyframes(path)?.map(|saved| Self::new(path, saved)).transpose()
     }
 
-    /// The memory.
-    pub const fn memory(&self) -> &SplatMemory {
-        &self.memory
+    /// The state in a saved memory and its keyframes, which were loaded from `path`.
+    fn new(path: &Path, (memory, keyframes): (SplatMemory, Vec<u8>)) -> Result<Self, Failure> {
+        let views = views(&keyframes, None).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
+        let observed = ObservedMap::new(&memory.map(), views);
+        Ok(Self { memory, observed, keyframes })
+    }
+
+    /// The map itself.
+    pub fn map(&self) -> MapView<'_> {
+        self.memory.map()
     }
 
     /// Compares it with a later map. `keyframes` are those of the later map.
-    pub fn changes(&self, after: &SplatMemory, keyframes: &[u8]) -> Result<MapChanges, Failure> {
+    pub fn changes(&self, after: &MapView<'_>, keyframes: &[u8]) -> Result<MapChanges, Failure> {
         let views = views(keyframes, Some(&self.keyframes)).map_err(Failure::runtime)?;
-        Ok(MapChanges::between(&self.map, &ObservedMap::new(after, views)))
+        Ok(MapChanges::between(&self.observed, &ObservedMap::new(after, views)))
     }
 }
 
@@ -94,18 +99,20 @@ pub fn diff(arguments: &DiffArguments) -> Result<(), Failure> {
         return Err(Failure::input(format!("{}: exists already; --overwrite replaces it", out.display())));
     }
     let load = |path: &Path| {
-        MapBefore::load(path)?.ok_or_else(|| {
+        load_with_keyframes(path)?.ok_or_else(|| {
             let reason = "has no keyframes, so it does not tell what was looked at: save it again with this version";
             Failure::input(format!("{}: {reason}", path.display()))
         })
     };
-    let (before, after) = (load(&arguments.before)?, load(&arguments.after)?);
-    let views = views(&after.keyframes, Some(&before.keyframes)).map_err(Failure::input)?;
+    let before = load(&arguments.before)?;
+    let (after, keyframes_after) = load(&arguments.after)?;
+    let views = views(&keyframes_after, Some(&before.1)).map_err(Failure::input)?;
     if views.is_empty() {
         let (before, after) = (arguments.before.display(), arguments.after.display());
         return Err(Failure::input(format!("{after}: has no keyframes besides those of {before}")));
     }
-    let changes = MapChanges::between(&before.map, &after.map.with_views(views));
+    let before = MapBefore::new(&arguments.before, before)?;
+    let changes = MapChanges::between(&before.observed, &ObservedMap::new(&after.map(), views));
     if let Some(out) = out {
         write(out, &json(&changes)?).map_err(|error| Failure::runtime(format!("{}: {error}", out.display())))?;
     }

@@ -3,8 +3,7 @@
 use crate::Settings;
 use crate::pipeline::{FrameResult, StageTimes};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::RemappedId;
-use splatseg_memory::MAX_16_BIT_ID;
+use splatseg_geometry::{MAX_16_BIT_ID, RemappedId};
 use splatseg_objects::ObjectSighting;
 use splatseg_odometry::{PoseEventCounts, PoseState};
 use splatseg_tracking::TrackErrorCounts;

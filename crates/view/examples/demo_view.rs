@@ -33,7 +33,7 @@ impl Seen {
     }
 
     fn measure(&mut self, memory: &SplatMemory) {
-        for (id, shape) in object_shapes(memory) {
+        for (id, shape) in object_shapes(&memory.map()) {
             if let Some(object) = self.objects.get_mut(&id) {
                 object.oriented_box = Some(shape.oriented_box);
             }
@@ -108,7 +108,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         }
         let pose = (!lost).then(|| frame.world_from_camera());
         server.publish_frame(pose, || view_frame(index, &frame, &segments, &seen, lost));
-        server.publish_map(&memory);
+        server.publish_map(&memory.map());
         let time = index as u64 * 33_333_333;
         if server.wants_message(channel) {
             server.publish_message(channel, pose_message(&frame, time)?, time);

@@ -258,7 +258,8 @@ impl SignOfLife {
             return None;
         }
         let content = Bytes::copy_from_slice(&RandomState::new().build_hasher().finish().to_le_bytes());
-        (self.next_ping, self.awaited) = (now + self.interval, Some((content.clone(), now)));
+        self.next_ping = now + self.interval;
+        self.awaited = Some((content.clone(), now));
         Some(Message::Ping(content))
     }
 

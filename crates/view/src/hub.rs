@@ -7,8 +7,7 @@ use crate::page_messages;
 use crate::slots::{PageMessage, PageSlot, lock};
 use crate::{Token, ViewFrame, ViewLimits};
 use glam::{DVec3, Vec3};
-use splatseg_geometry::Pose;
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::{MapView, Pose};
 use splatseg_output::{MapData, UpEstimate, map_data};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -168,15 +167,15 @@ impl PageHub {
     }
 
     /// Makes the map and puts it in the encoder's slot.
-    pub(crate) fn put_map(&self, memory: &SplatMemory, interval: Duration) {
+    pub(crate) fn put_map(&self, map: &MapView<'_>, interval: Duration) {
         let start = Instant::now();
-        let origin = lock(&self.state).origin_near(memory.origin());
-        let map = Box::new(map_data(memory, origin, |_| true));
+        let origin = lock(&self.state).origin_near(map.origin);
+        let data = Box::new(map_data(map, origin, |_| true));
         let pause = interval.max(start.elapsed() * MAX_MAP_SHARE);
         let old = {
             let mut state = lock(&self.state);
             state.next_map = Some(start + pause);
-            state.map.replace(map)
+            state.map.replace(data)
         };
         self.work.notify_one();
         drop(old);

@@ -4,8 +4,7 @@ use crate::connection::{self, Connections};
 use crate::encoder;
 use crate::hub::{PlacedFrame, Shared};
 use crate::{Channel, ChannelId, Reach, Token, ViewCounts, ViewError, ViewFrame, ViewOptions};
-use splatseg_geometry::Pose;
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::{MapView, Pose};
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
 use std::sync::Arc;
@@ -97,9 +96,9 @@ impl ViewServer {
 
     /// Publishes the map if somebody watches the page and the last one is old enough
     /// ([`ViewLimits::map_interval`](crate::ViewLimits)). Does not wait; making the map takes milliseconds.
-    pub fn publish_map(&self, memory: &SplatMemory) {
+    pub fn publish_map(&self, map: &MapView<'_>) {
         if self.shared.pages.wants_map() {
-            self.shared.pages.put_map(memory, self.shared.limits.map_interval);
+            self.shared.pages.put_map(map, self.shared.limits.map_interval);
         }
     }
 

@@ -111,7 +111,7 @@ mod tests {
     /// Counts from scratch how the map holds ids.
     fn counted(memory: &SplatMemory) -> BTreeMap<SegmentId, SegmentHold> {
         let Some(crate::SplatContentView::Evidence { votes }) = memory.store.content() else { panic!("no votes") };
-        let mut store = EvidenceStore::restored(memory.settings().clone(), votes.to_vec());
+        let mut store = EvidenceStore::restored(memory.settings.clone(), votes.to_vec());
         store.changed_holds().unwrap().into_iter().collect()
     }
 
@@ -125,7 +125,9 @@ mod tests {
             growth in prop_oneof![Just(GrowthRule::Missing), Just(GrowthRule::Paper)],
         ) {
             let settings = MemorySettings::default().with(|settings| {
-                (settings.max_gaussians, settings.growth, settings.max_votes) = (max_gaussians, growth, 3.0);
+                settings.max_gaussians = max_gaussians;
+                settings.growth = growth;
+                settings.max_votes = 3.0;
             });
             let mut memory = SplatMemory::new(settings, 0, &mut |_| {}).unwrap();
             let (mut carried, mut holds) = (BTreeSet::new(), BTreeMap::new());
@@ -140,7 +142,7 @@ mod tests {
                 let recall = memory.recall(&frame);
                 let update = memory.update(recall, &predicted, &BTreeSet::from([base])).unwrap();
                 if growth != GrowthRule::Paper || update.removed > 0 {
-                    let now = memory.carried_ids();
+                    let now = memory.map().carried_ids();
                     let forgotten: Vec<SegmentId> = carried.difference(&now).copied().collect();
                     prop_assert_eq!(&update.forgotten, &forgotten);
                     carried = now;

@@ -20,21 +20,16 @@ use crate::map::{NewGaussian, retain};
 use crate::ply::SplatContentView;
 use crate::recall::{Recall, StoreTile, TileSurface, cut};
 use crate::segment_store::{LearningExtent, SegmentStore};
-use crate::{COVERED, MemoryError, MemorySettings, SegmentHold};
+use crate::settings::COVERED;
+use crate::{MemoryError, MemorySettings, SegmentHold};
 use census::{Census, CensusChanges};
 use rayon::prelude::*;
 use splatseg_geometry::{SegmentId, SegmentMap};
-use splatseg_render::{RasterLimits, Splats, TileWeights};
+use splatseg_render::{Splats, TileWeights};
 use std::collections::{BTreeMap, BTreeSet};
 use voting::FrameVotes;
 
 const PIXELS: usize = TileWeights::PIXELS;
-
-/// Smaller alphas are not blended, for speed. The paper's memory blends down to 1/255.
-const MIN_ALPHA: f32 = 0.02;
-
-/// A pixel is finished when less light than this would come through, for speed. The paper's memory uses 1e-4.
-const MIN_TRANSMITTANCE: f32 = 0.01;
 
 /// If less light than this comes through Gaussians in front of the observed surface, evidence behind them is
 /// unreliable: the correction for that light divides by at least this.
@@ -42,14 +37,6 @@ const MIN_LIGHT: f32 = 0.05;
 
 /// Gaussians counted per task when a memory is loaded.
 const GAUSSIANS_PER_COUNT: usize = 1 << 16;
-
-/// Returns `limits` adapted to this kind of memory, which blends less than gsplat. That changes scores by less than 0.1
-/// and halves the work.
-pub(crate) fn limits(limits: RasterLimits) -> RasterLimits {
-    // The Gaussian that finishes a pixel is not blended, so a single Gaussian must not finish it.
-    let max_alpha = limits.max_alpha.min(1.0 - 2.0 * MIN_TRANSMITTANCE);
-    RasterLimits { min_alpha: MIN_ALPHA, max_alpha, min_transmittance: MIN_TRANSMITTANCE, ..limits }
-}
 
 /// Votes per Gaussian.
 #[derive(Clone, Debug)]

@@ -20,7 +20,8 @@ impl Votes {
     /// Votes for one segment.
     pub fn one(id: SegmentId, votes: f32) -> Self {
         let mut one = Self::default();
-        (one.ids[0], one.votes[0]) = (id, votes);
+        one.ids[0] = id;
+        one.votes[0] = votes;
         one
     }
 
@@ -55,7 +56,8 @@ impl Votes {
             }
         }
         if votes > self.votes[weakest] {
-            (self.ids[weakest], self.votes[weakest]) = (id, votes);
+            self.ids[weakest] = id;
+            self.votes[weakest] = votes;
         }
     }
 

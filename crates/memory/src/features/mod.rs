@@ -19,11 +19,11 @@ use crate::map::NewGaussian;
 use crate::ply::SplatContentView;
 use crate::recall::{Recall, StoreTile, TileSurface};
 use crate::segment_store::{LearningExtent, SegmentStore};
-use crate::{GrowthRule, MAX_SEGMENT_ID, MemoryError, MemoryRules, MemorySettings, SegmentBelief};
+use crate::{GrowthRule, MemoryError, MemoryRules, MemorySettings, SegmentBelief};
 use codebook::CodebookCache;
 use decoding::Decoder;
 use learning::Learning;
-use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_geometry::{MAX_SEGMENT_ID, SegmentId, SegmentMap};
 use splatseg_render::{RasterLimits, Splats, TileWeights, View};
 use std::collections::{BTreeMap, BTreeSet};
 

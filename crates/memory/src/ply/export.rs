@@ -3,28 +3,11 @@
 use super::header::origin_comment;
 use super::record::{LOGIT_OF_1, harmonic};
 use super::{SplatContentView, SplatFile, SplatFileError};
-use crate::SplatMemory;
-use crate::map::{SplatMap, SurfaceKind};
+use crate::map::SplatMap;
 use crate::saved_state::saved_surfaces;
-use glam::{DVec3, Vec3};
-use splatseg_geometry::SegmentId;
+use glam::DVec3;
+use splatseg_geometry::{MapGaussian, SegmentId, SurfaceKind};
 use std::io::{self, Write};
-
-/// A Gaussian to be exported, and the segment that it shows.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ExportedGaussian {
-    /// Centre, metres, relative to the origin of its memory.
-    pub mean: Vec3,
-    /// Standard deviation in every direction, metres.
-    pub radius: f32,
-    /// sRGB.
-    pub color: [u8; 3],
-    /// Segment that the Gaussian shows by itself, 0 for none.
-    pub segment_id: SegmentId,
-    /// Confidence of the segment, 0 to 1. In a memory of evidence: the segment's votes divided by all votes of the
-    /// Gaussian, or by 1 if there is less than one vote. In a memory of features: the length of the feature, at most 1.
-    pub confidence: f32,
-}
 
 /// Properties written for each Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -72,7 +55,7 @@ impl ExportedForm {
     }
 
     /// Appends the vertex of a Gaussian, little-endian.
-    fn encode(self, gaussian: &ExportedGaussian, origin: DVec3, bytes: &mut Vec<u8>) {
+    fn encode(self, gaussian: &MapGaussian, origin: DVec3, bytes: &mut Vec<u8>) {
         if self.is_double(origin) {
             let mean = gaussian.mean.as_dvec3() + origin;
             bytes.extend(mean.to_array().into_iter().flat_map(f64::to_le_bytes));
@@ -94,7 +77,7 @@ impl ExportedForm {
 
 impl SplatFile {
     /// Iterates over all Gaussians, in the order of the file.
-    pub fn gaussians(&self) -> impl Iterator<Item = ExportedGaussian> + '_ {
+    pub fn gaussians(&self) -> impl Iterator<Item = MapGaussian> + '_ {
         gaussians(&self.map, &self.segment_ids, self.content.view())
     }
 
@@ -108,22 +91,13 @@ impl SplatFile {
     }
 }
 
-impl SplatMemory {
-    /// Returns all Gaussians with the values that [`Self::save`] would write; `None` for a kind of memory without a
-    /// file format.
-    pub fn exported_gaussians(&self) -> Option<Vec<ExportedGaussian>> {
-        let (map, content) = (&self.map, self.store.content());
-        Some(gaussians(map, &self.segment_ids(), content?).collect())
-    }
-}
-
 fn gaussians<'a>(
     map: &'a SplatMap,
     segment_ids: &'a [SegmentId],
     content: SplatContentView<'a>,
-) -> impl Iterator<Item = ExportedGaussian> + 'a {
+) -> impl Iterator<Item = MapGaussian> + 'a {
     let balls = map.balls.means.iter().zip(&map.balls.radii).zip(&map.colors);
-    balls.zip(segment_ids).enumerate().map(move |(index, (((mean, radius), color), id))| ExportedGaussian {
+    balls.zip(segment_ids).enumerate().map(move |(index, (((mean, radius), color), id))| MapGaussian {
         mean: *mean,
         radius: *radius,
         color: *color,
@@ -133,7 +107,8 @@ fn gaussians<'a>(
 }
 
 impl SplatContentView<'_> {
-    fn confidence(&self, index: usize, id: SegmentId) -> f32 {
+    /// Confidence of the segment `id` of a Gaussian, see [`MapGaussian::confidence`].
+    pub(crate) fn confidence(&self, index: usize, id: SegmentId) -> f32 {
         match self {
             Self::Evidence { votes } => {
                 let votes = votes.get(index).copied().unwrap_or_default();
@@ -163,7 +138,7 @@ impl SplatContentView<'_> {
 pub fn write_exported(
     form: ExportedForm,
     origin: DVec3,
-    gaussians: &[ExportedGaussian],
+    gaussians: &[MapGaussian],
     output: &mut impl Write,
 ) -> io::Result<()> {
     let (count, is_double) = (gaussians.len(), form.is_double(origin));

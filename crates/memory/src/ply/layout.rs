@@ -3,7 +3,8 @@
 use super::error::SplatFileError;
 use super::{SplatContentView, SplatFileView};
 use crate::saved_state::MAX_BYTES;
-use crate::{MAX_SEGMENT_ID, MemoryKind, Votes};
+use crate::{MemoryKind, Votes};
+use splatseg_geometry::MAX_SEGMENT_ID;
 use std::path::Path;
 
 /// Float properties at the beginning of every vertex, in the order of the file.

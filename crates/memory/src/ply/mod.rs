@@ -86,7 +86,7 @@ mod trailer;
 mod writer;
 
 pub use error::SplatFileError;
-pub use export::{ExportedForm, ExportedGaussian, write_exported};
+pub use export::{ExportedForm, write_exported};
 pub use saved_settings::{SavedCodes, SavedMemorySettings};
 
 use crate::{Codebook, MemoryKind, SplatMap, Votes};

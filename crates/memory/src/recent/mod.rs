@@ -5,7 +5,7 @@
 //!   lost.
 //! - **Contradiction** ([`RecentFrames::trust`]): the frame sees through more than half of the Gaussians that it sees
 //!   or sees through. A single such frame has a wrong pose or depth. If several agree, the map is wrong.
-//! - **Expected** ([`RecentFrames::expect`]): where the map shows no id, the ids of the previous frame are expected,
+//! - **Expected** ([`RecentFrames::expected_ids`]): where the map shows no id, the ids of the previous frame are expected,
 //!   moved by the relative pose or not at all, whichever fits better.
 //!
 //! None of this is in the paper. Positions are in the coordinates of the map.
@@ -15,9 +15,10 @@ mod sketch;
 
 pub(crate) use saved::SavedRecentFrames;
 
+use crate::MemorySettings;
 use crate::recall::Recall;
 use crate::removal::{CONTRADICTION, FrameTrust};
-use crate::{COVERED, MemorySettings};
+use crate::settings::COVERED;
 use glam::{DVec3, Quat};
 use sketch::Sketch;
 use splatseg_geometry::{LocalPose, Pose, RgbdFrame, SegmentId, SegmentMap};
@@ -100,21 +101,12 @@ impl RecentFrames {
         has_jumped.then(|| *frame.world_from_camera() * pose.at(origin).inverse())
     }
 
-    /// Adds the ids of the previous frame to the expected segments if the frame contradicts the map, at pixels where
-    /// the map expects none.
-    pub fn expect(&self, recall: &mut Recall<'_>, settings: &MemorySettings) {
-        let Some(previous) = &self.previous else { return };
-        recall.links_previous = recall.contradicts_map || is_other_surface(recall, settings);
-        if !recall.links_previous {
-            return;
-        }
-        let ids = previous.seen_from(recall.frame, &recall.map_from_camera, settings);
-        let belief = recall.belief.segments.pixels_mut().iter_mut().zip(recall.belief.confidence.pixels_mut());
-        for ((segment, confidence), id) in belief.zip(ids.pixels()) {
-            if *segment == 0 && *id != 0 {
-                (*segment, *confidence) = (*id, 1.0);
-            }
-        }
+    /// Returns the ids of the previous frame as the camera of the frame sees them, `[height, width]`, 0 for none, if the
+    /// frame contradicts the map. They are to be expected where the map shows no id.
+    pub fn expected_ids(&self, recall: &Recall<'_>, settings: &MemorySettings) -> Option<SegmentMap> {
+        let previous = self.previous.as_ref()?;
+        let contradicts = recall.contradicts_map || is_other_surface(recall, settings);
+        contradicts.then(|| previous.seen_from(recall.frame, &recall.map_from_camera, settings))
     }
 
     /// Records a frame with its predictions.
@@ -134,19 +126,22 @@ impl RecentFrames {
         }
         let before = self.previous.as_ref().map(|previous| previous.sketch.map_from_camera);
         let motion = before.map_or(LocalPose::IDENTITY, |before| before.inverse() * sketch.map_from_camera);
-        (self.without_pose, self.starts_session) = (None, false);
+        self.without_pose = None;
+        self.starts_session = false;
         self.previous =
             Some(PreviousFrame { sketch, ids: predicted.clone(), motion, is_linked: recall.links_previous });
     }
 
     /// Records the ids of a frame whose pose is unknown.
     pub fn record_without_pose(&mut self, ids: &SegmentMap) {
-        (self.without_pose, self.starts_session) = (Some(ids.clone()), false);
+        self.without_pose = Some(ids.clone());
+        self.starts_session = false;
     }
 
     /// Says that the next frame was taken at another time: its image does not continue the latest one.
     pub fn start_session(&mut self) {
-        (self.without_pose, self.starts_session) = (None, true);
+        self.without_pose = None;
+        self.starts_session = true;
     }
 
     /// The ids of the latest frame, `[height, width]`, if its pose was unknown.

@@ -85,8 +85,9 @@ fn continues(kind: MemoryKind, growth: GrowthRule, folder: &Path) -> Vec<Outcome
     memory.save(&path).unwrap();
     let mut loaded = SplatMemory::load(&path, settings).unwrap();
     assert_eq!(loaded.segment_count(), 3);
-    assert_eq!(loaded.segment_ids(), memory.segment_ids());
-    assert_eq!((loaded.balls(), loaded.colors()), (memory.balls(), memory.colors()));
+    assert_eq!(loaded.map().segment_ids(), memory.map().segment_ids());
+    let (found, expected) = (loaded.map(), memory.map());
+    assert_eq!((found.means, found.radii, found.colors), (expected.means, expected.radii, expected.colors));
     loaded.save(&path).unwrap();
 
     let outcomes = take_in(&mut memory, SAVED_AFTER..FRAMES);

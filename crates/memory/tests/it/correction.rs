@@ -81,9 +81,9 @@ fn a_surface_that_is_there_twice_becomes_one_and_its_ids_are_merged() {
     assert_eq!(pairs(&remapped), [(4, 1), (5, 2), (6, 3)]);
     assert!(memory.gaussian_count() < single * 5 / 4, "{} {single}", memory.gaussian_count());
     assert_eq!(memory.remapped_ids(), &BTreeMap::from([(4, 1), (5, 2), (6, 3)]));
-    let ids: BTreeSet<SegmentId> = memory.segment_ids().into_iter().collect();
+    let ids: BTreeSet<SegmentId> = memory.map().segment_ids().into_iter().collect();
     assert_eq!(ids, BTreeSet::from([1, 2, 3]));
-    assert!(memory.balls().means.iter().all(|mean| (mean.z - 2.0).abs() < 0.01));
+    assert!(memory.map().means.iter().all(|mean| (mean.z - 2.0).abs() < 0.01));
     // The next frame expects the older ids.
     memory.set_anchor(&anchor(AGAIN, &[]));
     let next = frame(Pose::IDENTITY);
@@ -131,7 +131,7 @@ fn a_part_of_the_map_moves_to_the_rest_and_its_ids_are_merged() {
     see(&mut memory, part, &anchor(NEXT, &[0]), &stripes(&[4, 5, 6]));
     let correction = MapCorrection { new_from_old: BTreeMap::from([(NEXT, part.inverse())]), joined: vec![(0, NEXT)] };
     assert_eq!(pairs(&memory.correct(&correction)), [(4, 1), (5, 2), (6, 3)]);
-    let means = memory.balls().means.iter().map(|mean| memory.origin() + mean.as_dvec3());
+    let means = memory.map().means.iter().map(|mean| memory.map().origin + mean.as_dvec3());
     assert!(means.clone().all(|mean| (mean.z - 2.0).abs() < 0.01 && mean.x.abs() < 1.5), "all of it is one wall");
     assert!(memory.gaussian_count() < single * 5 / 4, "{} {single}", memory.gaussian_count());
 }
@@ -153,9 +153,9 @@ fn neighbours_are_not_merged_although_the_correction_is_off() {
 #[test]
 fn a_correction_that_moves_nothing_changes_nothing() {
     let mut memory = seen_twice();
-    let (means, ids) = (memory.balls().means.clone(), memory.segment_ids());
+    let (means, ids) = (memory.map().means.to_vec(), memory.map().segment_ids());
     let remapped = memory.correct(&MapCorrection { joined: vec![(0, AGAIN)], ..MapCorrection::default() });
-    assert!(remapped.is_empty() && memory.balls().means == means && memory.segment_ids() == ids);
+    assert!(remapped.is_empty() && memory.map().means == means && memory.map().segment_ids() == ids);
 }
 
 #[test]
@@ -166,7 +166,7 @@ fn surfaces_are_gone_only_if_the_pose_is_certain() {
         see(&mut memory, Pose::IDENTITY, &anchor(0, &[]), &stripes(&[1]));
         let before = memory.gaussian_count();
         see(&mut memory, drift(), &anchor(AGAIN, uncertain), &stripes(&[2]));
-        let ids = memory.segment_ids();
+        let ids = memory.map().segment_ids();
         (before, ids.iter().filter(|id| **id == 1).count())
     });
     assert_eq!(counts[0].0, counts[0].1, "all are kept");
@@ -186,8 +186,8 @@ fn a_saved_memory_is_corrected_in_the_same_way_and_keeps_its_keyframes() {
     assert_eq!((loaded.take_names().unwrap(), loaded.take_names()), (b"[\"mug\"]".to_vec(), None));
     loaded.set_anchor(&anchor(AGAIN, &[0]));
     assert_eq!(loaded.correct(&correction()), memory.correct(&correction()));
-    assert_eq!(loaded.balls(), memory.balls());
-    assert_eq!(loaded.segment_ids(), memory.segment_ids());
+    assert_eq!((loaded.map().means, loaded.map().radii), (memory.map().means, memory.map().radii));
+    assert_eq!(loaded.map().segment_ids(), memory.map().segment_ids());
     loaded.save(&path).unwrap();
     let again = SplatMemory::load(&path, MemorySettings::default()).unwrap();
     assert_eq!(again.remapped_ids(), memory.remapped_ids());

@@ -1,8 +1,8 @@
 //! Segments without depth in a simple room: a wall, a floor, and black regions on them.
 
 use glam::{DVec3, EulerRot, Mat4, Quat, Vec2, Vec3};
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, SegmentId, SegmentMap};
-use splatseg_memory::{MemorySettings, SplatFile, SplatMemory, SurfaceKind};
+use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, SegmentId, SegmentMap, SurfaceKind};
+use splatseg_memory::{MemorySettings, SplatFile, SplatMemory};
 use splatseg_test_scenes::grey_frame;
 use std::collections::BTreeSet;
 
@@ -72,7 +72,7 @@ fn agreements(poses: impl Iterator<Item = Pose>, id: SegmentId) -> Vec<f64> {
 
 /// What is known about the Gaussians of an id.
 fn kinds(memory: &SplatMemory, id: SegmentId) -> Vec<SurfaceKind> {
-    let known = memory.segment_ids().into_iter().zip(memory.surfaces());
+    let known = memory.map().segment_ids().into_iter().zip(memory.map().surfaces);
     known.filter(|(shown, _)| *shown == id).map(|(_, surface)| *surface).collect()
 }
 
@@ -379,9 +379,9 @@ fn what_is_known_about_places_survives_saving_removal_and_jumps() {
     }
     assert!(!kinds(&memory, 5).is_empty() && kinds(&memory, 5).iter().all(|kind| *kind == SurfaceKind::Assumed));
     memory.save(&path).unwrap();
-    assert_eq!(SplatFile::load(&path).unwrap().surfaces().unwrap(), memory.surfaces());
+    assert_eq!(SplatFile::load(&path).unwrap().surfaces().unwrap(), memory.map().surfaces);
     let mut loaded = SplatMemory::load(&path, MemorySettings::default()).unwrap();
-    assert_eq!(loaded.surfaces(), memory.surfaces());
+    assert_eq!(loaded.map().surfaces, memory.map().surfaces);
 
     // The poses jump by a metre. Then the wall stands farther back: its Gaussians are removed.
     let jumped = Pose::from_translation(DVec3::new(1.0, 0.0, 0.0));
@@ -391,11 +391,11 @@ fn what_is_known_about_places_survives_saving_removal_and_jumps() {
         for _ in 0..12 {
             learn(memory, &frame(farther.clone(), jumped), &predicted);
         }
-        assert_eq!(memory.surfaces().len(), memory.gaussian_count());
-        let far = memory.balls().means.iter().zip(memory.surfaces()).filter(|(mean, _)| mean.z > 40.0);
+        assert_eq!(memory.map().surfaces.len(), memory.gaussian_count());
+        let far = memory.map().means.iter().zip(memory.map().surfaces).filter(|(mean, _)| mean.z > 40.0);
         assert!(far.clone().count() > 0 && far.clone().all(|(_, surface)| *surface == SurfaceKind::Assumed));
     }
-    assert_eq!(loaded.surfaces(), memory.surfaces());
+    assert_eq!(loaded.map().surfaces, memory.map().surfaces);
 
     // A damaged list is refused.
     let mut file = SplatFile::load(&path).unwrap();

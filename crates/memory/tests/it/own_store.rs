@@ -123,8 +123,8 @@ fn it_remembers_in_its_own_way_and_moves_with_the_camera() {
     let expected = &recall.expected().segments;
     assert_eq!((expected[(20, 24)], expected[(28, 24)]), (1, 2));
     assert_eq!(memory.fuse(&recall, &halves(0, 0)).unwrap()[(28, 24)], 2, "without predictions the memory is shown");
-    assert_eq!(memory.parameter_count(), memory.gaussian_count() * 8);
-    assert_eq!(memory.segment_shares(), vec![1.0; memory.gaussian_count()], "it keeps no second opinion");
+    assert_eq!(memory.map().parameter_count(), memory.gaussian_count() * 8);
+    assert_eq!(memory.map().segment_shares(), vec![1.0; memory.gaussian_count()], "it keeps no second opinion");
 }
 
 #[test]

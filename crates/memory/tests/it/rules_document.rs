@@ -5,7 +5,9 @@ use std::path::Path;
 
 fn rules(kind: MemoryKind) -> MemoryRules {
     let settings = MemorySettings::default().with(|memory| {
-        (memory.kind, memory.num_codes, memory.feature_dim) = (kind, 8, 4);
+        memory.kind = kind;
+        memory.num_codes = 8;
+        memory.feature_dim = 4;
     });
     *SplatMemory::new(settings, 0, &mut |_| {}).unwrap().rules()
 }

@@ -86,7 +86,8 @@ impl Sam2Predictor {
         self.state.size = size;
         self.state.frames += 1;
         for object in self.state.objects.values_mut() {
-            (object.tracked, object.prompted) = (None, None);
+            object.tracked = None;
+            object.prompted = None;
             object.points.clear();
         }
         let ids = self.objects_to_track();

@@ -91,7 +91,9 @@ impl Sam2Predictor {
             for ((index, (id, _)), prediction) in chunk.iter().zip(prompts).zip(Prediction::from_outputs(out)?) {
                 masks[*index] = Some(self.object_mask(*id, &prediction));
                 let object = self.object_mut(*id);
-                (object.prompted, object.absent_frames, object.resting_since) = (Some(prediction), 0, None);
+                object.prompted = Some(prediction);
+                object.absent_frames = 0;
+                object.resting_since = None;
             }
         }
         Ok(masks.into_iter().flatten().collect())

@@ -15,8 +15,7 @@ use glam::{DVec3, IVec3};
 use moved::{Appearance, pairs};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::SegmentId;
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::{MapView, SegmentId};
 use std::collections::BTreeMap;
 use views::sight;
 
@@ -115,22 +114,21 @@ struct Verdict {
 }
 
 impl ObservedMap {
-    /// The objects of a memory that were seen in two frames or more, and the views of a run.
-    pub fn new(memory: &SplatMemory, views: Vec<DepthView>) -> Self {
+    /// The objects of a map that were seen in two frames or more, and the views of a run.
+    pub fn new(map: &MapView<'_>, views: Vec<DepthView>) -> Self {
         let mut gaussians: BTreeMap<SegmentId, Vec<usize>> = BTreeMap::new();
-        for (index, id) in memory.segment_ids().into_iter().enumerate() {
-            if memory.surfaces()[index].has_place() {
+        for (index, (id, surface)) in map.segment_ids().into_iter().zip(map.surfaces).enumerate() {
+            if surface.has_place() {
                 gaussians.entry(id).or_default().push(index);
             }
         }
-        let (balls, origin) = (memory.balls(), memory.origin());
-        let shapes = object_shapes(memory).into_iter();
+        let shapes = object_shapes(map).into_iter();
         let object = |(id, shape): (SegmentId, ObjectShape)| {
             let of_object = gaussians.get(&id).filter(|gaussians| gaussians.len() >= MIN_POINTS)?;
-            let points = of_object.iter().map(|index| balls.means[*index].as_dvec3() + origin).collect();
-            let colors = of_object.iter().map(|index| (memory.colors()[*index], balls.radii[*index].powi(2)));
+            let points = of_object.iter().map(|index| map.means[*index].as_dvec3() + map.origin).collect();
+            let colors = of_object.iter().map(|index| (map.colors[*index], map.radii[*index].powi(2)));
             let appearance = Appearance::new(colors, shape.oriented_box.size);
-            (!memory.is_tentative(id)).then_some(MapObject { id, shape, points, appearance })
+            (!map.is_tentative(id)).then_some(MapObject { id, shape, points, appearance })
         };
         Self { objects: shapes.filter_map(object).collect(), views }
     }
@@ -139,12 +137,6 @@ impl ObservedMap {
     fn appearances(&self, objects: &[ChangedObject]) -> Vec<&Appearance> {
         let of = |object: &ChangedObject| self.objects.iter().find(|other| other.id == object.id);
         objects.iter().filter_map(of).map(|object| &object.appearance).collect()
-    }
-
-    /// The same objects with the views of another run.
-    #[must_use]
-    pub fn with_views(self, views: Vec<DepthView>) -> Self {
-        Self { views, ..self }
     }
 }
 

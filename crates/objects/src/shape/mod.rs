@@ -16,8 +16,7 @@ use oriented_box::oriented_box;
 use patches::{Patch, patches_by_object};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::SegmentId;
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::{MapView, SegmentId};
 use std::collections::BTreeMap;
 use stray::without_stray;
 use surface_area::surface_area;
@@ -69,10 +68,10 @@ pub struct OrientedBox {
     pub rotation: Quat,
 }
 
-/// The shapes of all objects with Gaussians in the memory.
-pub fn object_shapes(memory: &SplatMemory) -> BTreeMap<SegmentId, ObjectShape> {
-    let objects: Vec<(SegmentId, Vec<Patch>)> = patches_by_object(memory).into_iter().collect();
-    objects.into_par_iter().map(|(id, patches)| (id, shape_of(&patches, memory.origin()))).collect()
+/// The shapes of all objects with Gaussians in the map.
+pub fn object_shapes(map: &MapView<'_>) -> BTreeMap<SegmentId, ObjectShape> {
+    let objects: Vec<(SegmentId, Vec<Patch>)> = patches_by_object(map).into_iter().collect();
+    objects.into_par_iter().map(|(id, patches)| (id, shape_of(&patches, map.origin))).collect()
 }
 
 /// The shape of an object of at least one patch; patches are relative to `origin`.

@@ -1,8 +1,7 @@
 //! The surface patches represented by Gaussians.
 
 use glam::Vec3;
-use splatseg_geometry::SegmentId;
-use splatseg_memory::{COVERED, GrowthRule, RADIUS_PER_SPACING, SplatMemory, SurfaceKind};
+use splatseg_geometry::{MapView, SegmentId, SurfaceKind};
 use std::collections::BTreeMap;
 
 /// Minimum radius of a Gaussian, metres.
@@ -49,24 +48,16 @@ impl Patch {
 }
 
 /// The patches of every object with Gaussians that have a place, in the order of the map.
-pub(super) fn patches_by_object(memory: &SplatMemory) -> BTreeMap<SegmentId, Vec<Patch>> {
-    let settings = memory.settings();
-    let (sides_per_radius, covering_alpha) = match memory.rules().growth {
-        GrowthRule::Paper => (1.0, settings.growth_silhouette),
-        _ => (1.0 / RADIUS_PER_SPACING, COVERED),
-    };
-    // A Gaussian's alpha is exp(-d² / 2r²) at distance d.
-    let covers_per_radius = (-2.0 * covering_alpha.clamp(0.1, 0.9).ln()).sqrt();
-    let (balls, colors) = (memory.balls(), memory.colors());
+pub(super) fn patches_by_object(map: &MapView<'_>) -> BTreeMap<SegmentId, Vec<Patch>> {
     let mut objects: BTreeMap<SegmentId, Vec<Patch>> = BTreeMap::new();
-    let seen = memory.segment_shares().into_iter().zip(memory.segment_votes());
-    let segments = memory.segment_ids().into_iter().zip(seen).zip(memory.surfaces());
-    let placed = balls.means.iter().zip(&balls.radii).zip(colors);
+    let seen = map.segment_shares().into_iter().zip(map.segment_votes());
+    let segments = map.segment_ids().into_iter().zip(seen).zip(map.surfaces);
+    let placed = map.means.iter().zip(map.radii).zip(map.colors);
     for (((id, (share, votes)), surface), ((mean, radius), color)) in segments.zip(placed) {
         // A loaded map may contain any values.
         if id != 0 && surface.has_place() && mean.is_finite() && radius.is_finite() {
             let radius = radius.max(MIN_RADIUS);
-            let (side, cover) = (sides_per_radius * radius, covers_per_radius * radius);
+            let (side, cover) = (map.patch.side * radius, map.patch.cover * radius);
             objects.entry(id).or_default().push(Patch {
                 mean: *mean,
                 side,

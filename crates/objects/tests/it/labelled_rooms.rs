@@ -87,7 +87,7 @@ fn learnt(test: &str, part: &str) -> Option<Labelled> {
         let recall = memory.recall(&frame);
         memory.update(recall, &truth, &BTreeSet::new()).unwrap();
     }
-    learnt.shapes = object_shapes(&memory);
+    learnt.shapes = object_shapes(&memory.map());
     Some(learnt)
 }
 

@@ -56,7 +56,8 @@ fn list() -> ObjectList {
         best_view: None,
     };
     let mut list = ObjectList::new(&ObjectLog::default(), None);
-    (list.frames, list.objects) = (5, vec![known, unknown]);
+    list.frames = 5;
+    list.objects = vec![known, unknown];
     list
 }
 

@@ -13,7 +13,7 @@ fn boxes_that_were_seen_from_two_sides_are_where_they_stand() {
     let mut count = 0;
     for seed in 1..=3 {
         let seen = seen_room(room(seed), Pose::IDENTITY);
-        let shapes = object_shapes(&seen.memory);
+        let shapes = object_shapes(&seen.memory.map());
         for thing in seen.boxes() {
             let shape = &shapes[&thing.id];
             let BoxErrors { off, iou, aligned_iou } = seen.box_errors(thing, shape);
@@ -33,7 +33,7 @@ fn boxes_turn_with_the_world() {
     let rotation = Quat::from_euler(EulerRot::XYZ, 0.5, -0.8, 1.1);
     let place = Pose::from_quaternion(DVec3::new(4.0, -2.0, 1.0), rotation.as_dquat()).unwrap();
     let seen = seen_room(room(4), place);
-    let shapes = object_shapes(&seen.memory);
+    let shapes = object_shapes(&seen.memory.map());
     for thing in seen.boxes() {
         let axes = Mat3::from_quat(rotation) * Mat3::from_rotation_z(thing.turn);
         let truth = Cuboid(place.to_world(thing.center).as_vec3(), thing.size, axes);
@@ -49,8 +49,8 @@ fn the_list_has_what_the_log_and_the_memory_know() {
     let seen = seen_room(small, Pose::IDENTITY);
     let mut log = ObjectLog::default();
     seen.truths.iter().for_each(|truth| _ = log.record(&FrameOutput::from_segments(truth.clone())));
-    let list = ObjectList::new(&log, Some(&seen.memory));
-    assert_eq!(list, ObjectList::new(&log, Some(&seen.memory)));
+    let list = ObjectList::new(&log, Some(seen.memory.map()));
+    assert_eq!(list, ObjectList::new(&log, Some(seen.memory.map())));
     assert_eq!(list.frames, 4);
     for (id, record) in log.records() {
         let object = list.objects.iter().find(|object| object.id == *id).unwrap();
@@ -62,11 +62,11 @@ fn the_list_has_what_the_log_and_the_memory_know() {
     }
     // An assigned id without Gaussians.
     let mut memory = seen.memory;
-    let carried = memory.carried_ids();
+    let carried = memory.map().carried_ids();
     let id = memory.new_segment().unwrap();
-    assert!(!memory.carried_ids().contains(&id) && !carried.contains(&id));
+    assert!(!memory.map().carried_ids().contains(&id) && !carried.contains(&id));
     log.record(&FrameOutput::from_segments(SegmentMap::filled(2, 2, id)));
-    let list = ObjectList::new(&log, Some(&memory));
+    let list = ObjectList::new(&log, Some(memory.map()));
     let object = list.objects.iter().find(|object| object.id == id).unwrap();
     assert_eq!((object.state, &object.shape), (Some(ObjectState::Forgotten), &None));
 }

@@ -97,15 +97,15 @@ impl McapFile {
         self.write_map(&mut recording, end).and_then(|()| recording.finish()).map_err(|source| self.error(source))
     }
 
-    /// Writes the points and boxes of the final memory, if there is one.
+    /// Writes the points and boxes of the final map, if there is one.
     fn write_map(&self, recording: &mut Recording, end: &RunEnd<'_>) -> io::Result<()> {
-        let (Some(memory), Some(SeenFrame { time: first, .. })) = (end.memory, self.seen.frames.first()) else {
+        let (Some(map), Some(SeenFrame { time: first, .. })) = (end.map, self.seen.frames.first()) else {
             return Ok(());
         };
-        let points = PointBytes::of(memory);
-        if memory.origin() != DVec3::ZERO {
+        let points = PointBytes::of(&map);
+        if map.origin != DVec3::ZERO {
             let stamp = Time::from_nanoseconds(*first);
-            recording.write("/tf_static", *first, &ros_messages::map_origin(stamp, memory.origin()))?;
+            recording.write("/tf_static", *first, &ros_messages::map_origin(stamp, map.origin))?;
         }
         recording.write("/splatseg/points", *first, &points.message(Time::from_nanoseconds(*first))?)?;
         let times = self.seen.first_times(end.remaps);

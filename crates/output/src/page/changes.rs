@@ -58,7 +58,7 @@ impl ChangesData {
             unchanged: unchanged.len(),
             not_looked_at: not_looked_at.len(),
             newly_seen: newly_seen.len(),
-            map_before: map_data(since.before, origin, |id| removed.contains(&id)),
+            map_before: map_data(&since.before, origin, |id| removed.contains(&id)),
         }
     }
 }

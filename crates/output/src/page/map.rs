@@ -4,8 +4,7 @@ use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::{DVec3, Vec3};
 use serde::Serialize;
-use splatseg_geometry::SegmentId;
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::{MapView, SegmentId};
 
 /// Maximum number of drawn Gaussians: a laptop can still rotate them smoothly.
 pub const MAX_POINTS: usize = 100_000;
@@ -15,7 +14,7 @@ pub const MAX_POINTS: usize = 100_000;
 pub struct MapData {
     /// Number of drawn Gaussians.
     count: usize,
-    /// Number of Gaussians in the memory that have a place.
+    /// Number of Gaussians in the map that have a place.
     total: usize,
     /// Minimum corner of the map's bounding box, metres, relative to the run's origin.
     min: Vec3,
@@ -33,35 +32,36 @@ pub struct MapData {
     ids: String,
 }
 
-/// Returns the map of a memory's wanted objects, relative to an origin in world coordinates. Gaussians whose distance is
+/// Returns the data of a map's wanted objects, relative to an origin in world coordinates. Gaussians whose distance is
 /// not known are left out: they would hide behind everything and make the view tiny.
-pub fn map_data(memory: &SplatMemory, origin: DVec3, is_wanted: impl Fn(SegmentId) -> bool) -> MapData {
-    let (balls, ids, colors) = (memory.balls(), memory.segment_ids(), memory.colors());
-    let has_place = |index: &usize| memory.surfaces()[*index].has_place();
-    let wanted: Vec<usize> = (0..balls.len()).filter(has_place).filter(|index| is_wanted(ids[*index])).collect();
+pub fn map_data(map: &MapView<'_>, origin: DVec3, is_wanted: impl Fn(SegmentId) -> bool) -> MapData {
+    let ids = map.segment_ids();
+    let has_place = |index: &usize| map.surfaces[*index].has_place();
+    let wanted: Vec<usize> =
+        (0..map.gaussian_count()).filter(has_place).filter(|index| is_wanted(ids[*index])).collect();
     let total = wanted.len();
-    let is_finite = |index: &usize| balls.means[*index].is_finite();
+    let is_finite = |index: &usize| map.means[*index].is_finite();
     let drawn: Vec<usize> = evenly(total, MAX_POINTS).map(|place| wanted[place]).filter(is_finite).collect();
     // Fewer points must cover the same surfaces.
     let growth = (total as f32 / drawn.len().max(1) as f32).sqrt();
-    let min = drawn.iter().map(|index| balls.means[*index]).reduce(Vec3::min).unwrap_or_default();
-    let max = drawn.iter().map(|index| balls.means[*index]).reduce(Vec3::max).unwrap_or_default();
-    let radius = |index: &usize| balls.radii[*index] * growth;
+    let min = drawn.iter().map(|index| map.means[*index]).reduce(Vec3::min).unwrap_or_default();
+    let max = drawn.iter().map(|index| map.means[*index]).reduce(Vec3::max).unwrap_or_default();
+    let radius = |index: &usize| map.radii[*index] * growth;
     let max_radius = drawn.iter().map(radius).fold(0.0, f32::max);
     let size = max - min;
     let place = |index: &usize| {
-        let offset = balls.means[*index] - min;
+        let offset = map.means[*index] - min;
         [(offset.x, size.x), (offset.y, size.y), (offset.z, size.z)].map(|(offset, size)| fraction(offset, size))
     };
     MapData {
         count: drawn.len(),
         total,
-        min: min + (memory.origin() - origin).as_vec3(),
+        min: min + (map.origin - origin).as_vec3(),
         size,
         positions: words(drawn.iter().flat_map(place)),
         max_radius,
         radii: words(drawn.iter().map(|index| fraction(radius(index), max_radius))),
-        colors: STANDARD.encode(drawn.iter().flat_map(|index| colors[*index]).collect::<Vec<u8>>()),
+        colors: STANDARD.encode(drawn.iter().flat_map(|index| map.colors[*index]).collect::<Vec<u8>>()),
         ids: STANDARD.encode(drawn.iter().flat_map(|index| ids[*index].to_le_bytes()).collect::<Vec<u8>>()),
     }
 }

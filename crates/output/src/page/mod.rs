@@ -36,7 +36,6 @@ use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 use sightings::{Sightings, larger};
 use splatseg_geometry::{Pose, RemappedId, SegmentId};
-use splatseg_memory::SplatMemory;
 use splatseg_objects::{Object, ObjectSighting};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -233,7 +232,7 @@ impl RunOutput for Page {
 
     fn finish(&mut self, end: &RunEnd<'_>, folder: &mut dyn ResultFolder) -> Result<(), OutputError> {
         self.write_chunk(folder)?;
-        let origin = end.memory.map_or(DVec3::ZERO, SplatMemory::origin);
+        let origin = end.map.map_or(DVec3::ZERO, |map| map.origin);
         let data = RunData {
             version: env!("CARGO_PKG_VERSION"),
             scene: end.scene,
@@ -251,7 +250,7 @@ impl RunOutput for Page {
             up: self.up.direction(),
             objects: end.objects.objects.iter().map(|object| self.object(object)).collect(),
             changes: end.changes.map(|changes| ChangesData::new(&changes, origin)),
-            map: end.memory.map(|memory| map::map_data(memory, origin, |_| true)),
+            map: end.map.map(|map| map::map_data(&map, origin, |_| true)),
         };
         let file = "viewer/run.js";
         folder.write(file, format!("var splatsegRun={};\n", json(file, &data)?).as_bytes())?;

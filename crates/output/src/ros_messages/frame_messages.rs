@@ -3,8 +3,7 @@
 use super::{CAMERA, MAP, WORLD};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{Intrinsics, Pose, SegmentMap};
-use splatseg_memory::MAX_16_BIT_ID;
+use splatseg_geometry::{Intrinsics, MAX_16_BIT_ID, Pose, SegmentMap};
 use splatseg_ros::{
     CameraInfo, CompressedImage, Header, Image, Quaternion, RegionOfInterest, TfMessage, Time, Transform,
     TransformStamped, Vector3,

@@ -4,8 +4,7 @@ use super::frame_messages::number;
 use super::{MAP, WORLD};
 use crate::segment_color;
 use glam::DVec3;
-use splatseg_geometry::SegmentId;
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::{MapView, SegmentId};
 use splatseg_objects::{Object, OrientedBox};
 use splatseg_ros::{
     BoundingBox3d, ColorRgba, Detection3d, Detection3dArray, Header, Marker, MarkerArray, ObjectHypothesis,
@@ -65,18 +64,18 @@ pub struct PointBytes {
 }
 
 impl PointBytes {
-    /// The centres of a memory's Gaussians, in the colours of their objects, without those whose distance is not known.
+    /// The centres of a map's Gaussians, in the colours of their objects, without those whose distance is not known.
     /// They are in the frame [`MAP`] if the map's
     /// origin is not the world's.
-    pub fn of(memory: &SplatMemory) -> Self {
+    pub fn of(map: &MapView<'_>) -> Self {
         // ROS viewers take 32-bit points only.
-        let frame_id = if memory.origin() == DVec3::ZERO { WORLD } else { MAP };
-        Self { frame_id, bytes: point_bytes(memory, DVec3::ZERO) }
+        let frame_id = if map.origin == DVec3::ZERO { WORLD } else { MAP };
+        Self { frame_id, bytes: point_bytes(map, DVec3::ZERO) }
     }
 
     /// As [`Self::of`], in [`WORLD`]. Far from its origin, points are less exact.
-    pub fn in_world(memory: &SplatMemory) -> Self {
-        Self { frame_id: WORLD, bytes: point_bytes(memory, memory.origin()) }
+    pub fn in_world(map: &MapView<'_>) -> Self {
+        Self { frame_id: WORLD, bytes: point_bytes(map, map.origin) }
     }
 
     /// The message. `rgb` is a 32-bit integer stored as a float, the ROS convention. Rerun does not support that, but
@@ -111,10 +110,9 @@ impl PointBytes {
 }
 
 /// Encodes the centres of Gaussians, moved by `offset`.
-fn point_bytes(memory: &SplatMemory, offset: DVec3) -> Vec<u8> {
-    let (means, ids) = (&memory.balls().means, memory.segment_ids());
-    let mut bytes = Vec::with_capacity(POINT_BYTES * means.len());
-    let known = means.iter().zip(ids).zip(memory.surfaces()).filter(|(_, surface)| surface.has_place());
+fn point_bytes(map: &MapView<'_>, offset: DVec3) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(POINT_BYTES * map.gaussian_count());
+    let known = map.means.iter().zip(map.segment_ids()).zip(map.surfaces).filter(|(_, surface)| surface.has_place());
     for (mean, id) in known.map(|(point, _)| point).filter(|(mean, _)| mean.is_finite()) {
         let mean = (mean.as_dvec3() + offset).as_vec3();
         bytes.extend(mean.to_array().into_iter().flat_map(f32::to_le_bytes));

@@ -134,7 +134,7 @@ fn write_run(path: &Path, stops: &[usize], corrections: &[Option<Pose>]) {
     let end = RunEnd {
         scene: "room",
         objects: &objects,
-        memory: None,
+        map: None,
         pose_corrections: corrections,
         remaps: &remaps,
         changes: None,

@@ -31,16 +31,16 @@ fn memory() -> SplatMemory {
 #[test]
 fn it_is_remembered_but_has_no_shape_no_points_and_is_not_drawn() {
     let memory = memory();
-    let ids = memory.segment_ids();
+    let ids = memory.map().segment_ids();
     let of_wall = ids.iter().filter(|id| **id == 1).count();
     assert!(of_wall > 10 && ids.len() - of_wall > 10, "{of_wall} of {}", ids.len());
-    assert_eq!(object_shapes(&memory).into_keys().collect::<Vec<_>>(), [1]);
+    assert_eq!(object_shapes(&memory.map()).into_keys().collect::<Vec<_>>(), [1]);
 
-    let points = PointBytes::in_world(&memory);
+    let points = PointBytes::in_world(&memory.map());
     let message = points.message(Time::from_nanoseconds(0)).unwrap();
     assert_eq!(message.width as usize, of_wall);
 
-    let drawn = serde_json::to_value(map_data(&memory, DVec3::ZERO, |_| true)).unwrap();
+    let drawn = serde_json::to_value(map_data(&memory.map(), DVec3::ZERO, |_| true)).unwrap();
     assert_eq!((drawn["count"].as_u64(), drawn["total"].as_u64()), (Some(of_wall as u64), Some(of_wall as u64)));
     // The view is fitted to this box.
     let size = drawn["size"].as_array().unwrap();

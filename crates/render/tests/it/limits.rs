@@ -23,7 +23,8 @@ fn is_projected(gaussians: &Gaussians) -> bool {
 #[test]
 fn gaussians_on_the_near_and_the_far_plane_are_left_out() {
     let mut camera = camera();
-    (camera.limits.near_plane, camera.limits.far_plane) = (1.0, 2.0);
+    camera.limits.near_plane = 1.0;
+    camera.limits.far_plane = 2.0;
     for (z, expected) in [(0.99, 0), (1.0, 0), (1.01, 1), (1.99, 1), (2.0, 0), (2.01, 0)] {
         assert_eq!(View::new(&one([0.0, 0.0, z], 1.0), &camera).projected().len(), expected, "{z} m");
     }

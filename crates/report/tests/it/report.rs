@@ -294,7 +294,9 @@ fn efficiency_is_the_mean_over_videos_and_names_the_machine() {
     let runs = [Run::new(0), Run::new(2)];
     let mut benchmark = benchmark(&runs);
     let mut other = runs[0].measurement(0);
-    (other.scene, other.parameters, other.frames_per_second) = (1, 3_500_000, 75.0);
+    other.scene = 1;
+    other.parameters = 3_500_000;
+    other.frames_per_second = 75.0;
     benchmark.measurements.push(other);
     let row = |name: &str, variant, backbone_parameters| EfficiencyRow {
         name: name.to_owned(),

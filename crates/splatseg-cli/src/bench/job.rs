@@ -9,8 +9,7 @@ use splatseg::pipeline::{FrameResult, Pipeline, PipelineError, Processed, StageT
 use splatseg::settings::{MethodName, Settings};
 use splatseg::summary::{FramesPerSecond, RunCounts};
 use splatseg_dataset::{FrameStream, GroundTruth, open_scene};
-use splatseg_geometry::{FrameAnchor, Mask, RgbdFrame, SegmentMap};
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::{FrameAnchor, MapView, Mask, RgbdFrame, SegmentMap};
 use splatseg_metrics::{FramePrediction, InstanceScorer, Protocol, ScoreSettings, VideoScore, VideoScorer};
 use splatseg_odometry::{CameraPose, InputDoubt};
 use splatseg_report::{Series, Thumbnail};
@@ -136,12 +135,12 @@ pub fn run(path: &Path, inputs: &JobInputs) -> Result<JobResult, String> {
         // The method's time excludes scoring and drawing.
         time += started.elapsed();
         tell(&result.doubts, inputs)?;
-        recorder.record(position, &frame, &result, frames.memory())?;
+        recorder.record(position, &frame, &result, frames.latest_map())?;
     }
     tell(&pipeline.take_last_doubts(), inputs)?;
-    let mesh = inputs.mesh.as_ref().zip(pipeline.memory());
-    let mesh = mesh.map(|(mesh, memory)| mesh.score(memory)).transpose()?;
-    Ok(JobResult { mesh, ..recorder.finish(inputs, pipeline.memory(), time)? })
+    let mesh = inputs.mesh.as_ref().zip(pipeline.map());
+    let mesh = mesh.map(|(mesh, map)| mesh.score(&map)).transpose()?;
+    Ok(JobResult { mesh, ..recorder.finish(inputs, pipeline.map(), time)? })
 }
 
 /// Warns about input that contradicts itself, which is an error with `strict_input`.
@@ -262,9 +261,9 @@ impl Recorder {
         position: usize,
         frame: &ScoredFrame,
         result: &FrameResult,
-        memory: Option<&SplatMemory>,
+        map: Option<MapView<'_>>,
     ) -> Result<(), String> {
-        let gaussians = memory.map(SplatMemory::gaussian_count);
+        let gaussians = map.map(|map| map.gaussian_count());
         self.counts.add(result, gaussians.unwrap_or(0));
         self.series.push(result.times.stages().iter().copied(), gaussians);
         let output = &result.output;
@@ -297,7 +296,7 @@ impl Recorder {
         Ok(())
     }
 
-    fn finish(self, inputs: &JobInputs, memory: Option<&SplatMemory>, time: Duration) -> Result<JobResult, String> {
+    fn finish(self, inputs: &JobInputs, map: Option<MapView<'_>>, time: Duration) -> Result<JobResult, String> {
         let useless = |what: &str| {
             let reason = self.first_trouble.as_ref().map(|reason| format!(": {reason}")).unwrap_or_default();
             Err(format!("{}: {what}{reason}", inputs.scene))
@@ -318,8 +317,8 @@ impl Recorder {
             skipped_frames: self.counts.skipped_frames,
             failed_frames: self.failed_frames,
             segments: self.counts.ids.len(),
-            gaussians: memory.map_or(0, SplatMemory::gaussian_count),
-            parameters: memory.map_or(0, SplatMemory::parameter_count),
+            gaussians: map.map_or(0, |map| map.gaussian_count()),
+            parameters: map.map_or(0, |map| map.parameter_count()),
             fps: self.counts.fps(time),
             stage_ms: self.counts.stage_ms(),
             track_errors: self.counts.track_errors,

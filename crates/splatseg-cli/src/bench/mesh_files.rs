@@ -4,7 +4,7 @@ use crate::Failure;
 use clap::Args;
 use serde::{Deserialize, Serialize};
 use splatseg::evaluation::MeshTruth;
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::MapView;
 use splatseg_metrics::InstanceScorer;
 use std::path::{Path, PathBuf};
 
@@ -70,11 +70,10 @@ impl MeshFiles {
     }
 
     /// Scores the ids of a memory on the mesh.
-    pub fn score(&self, memory: &SplatMemory) -> Result<InstanceScorer, String> {
+    pub fn score(&self, map: &MapView<'_>) -> Result<InstanceScorer, String> {
         let truth =
             MeshTruth::read(&self.mesh, &self.instances, &self.void_labels).map_err(|error| error.to_string())?;
-        let gaussians = memory.exported_gaussians().ok_or("this kind of memory cannot be scored on a mesh")?;
-        let found = truth.score(&gaussians, memory.origin()).map_err(|error| error.to_string())?;
+        let found = truth.score(&map.gaussians(), map.origin).map_err(|error| error.to_string())?;
         Ok(found.scorer)
     }
 }

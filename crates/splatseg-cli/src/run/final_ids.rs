@@ -5,8 +5,7 @@ use super::result_writer::WriterOutcome;
 use crate::output_folder::result_files;
 use splatseg::summary::RunCounts;
 use splatseg_dataset::{DatasetError, Framing, Scene, read_segments_png};
-use splatseg_geometry::{CameraFrame, SegmentId, SegmentMap};
-use splatseg_memory::MAX_16_BIT_ID;
+use splatseg_geometry::{CameraFrame, MAX_16_BIT_ID, SegmentId, SegmentMap};
 use splatseg_output::{OutputError, ResultFolder, UpdatedFrame};
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -13,7 +13,7 @@ use splatseg::odometry::InputDoubt;
 use splatseg::pipeline::{Frames, PipelineError, Processed};
 use splatseg::summary::RunCounts;
 use splatseg_dataset::FrameSource;
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::MapView;
 use splatseg_output::FrameRecord;
 use std::path::PathBuf;
 
@@ -104,7 +104,7 @@ impl FrameLoop<'_> {
             }
             let Some(item) = frames.next() else { break None };
             let step = match item {
-                Ok(processed) => record_result(processed, frames.memory(), &writer, &mut counts, &mut reports),
+                Ok(processed) => record_result(processed, frames.latest_map(), &writer, &mut counts, &mut reports),
                 Err(error) => Step::Skipped { message: reports.skipped.add_unusable(&error), error: error.to_string() },
             };
             match step {
@@ -175,7 +175,7 @@ impl FrameLoop<'_> {
 /// Counts a frame's result and passes it to the writer.
 fn record_result(
     Processed { index, frame, result, .. }: Processed,
-    memory: Option<&SplatMemory>,
+    map: Option<MapView<'_>>,
     writer: &ResultWriter,
     counts: &mut RunCounts,
     reports: &mut Reports,
@@ -188,7 +188,7 @@ fn record_result(
         Err(error) => return Step::End(EarlyEnd::Method(error.to_string())),
     };
     let number = counts.frames;
-    counts.add(&result, memory.map_or(0, SplatMemory::gaussian_count));
+    counts.add(&result, map.map_or(0, |map| map.gaussian_count()));
     let (file_name, pose_state) = (file_name(frame.name()), result.pose.state);
     let messages = reports.camera.add(frame.name(), &result.pose, &result.events, result.remapped.len());
     let doubts = result.doubts;

@@ -216,7 +216,7 @@ fn execute_with(
     let mut ended = frames.run(pipeline.run(stream), written, counts)?;
     let changes = before.as_ref().and_then(|before| write_changes(before, &pipeline, &mut ended));
     let changes = before.as_ref().zip(changes.as_ref());
-    let changes = changes.map(|(before, changes)| ChangesSince { before: before.memory(), changes });
+    let changes = changes.map(|(before, changes)| ChangesSince { before: before.map(), changes });
     finish_outputs(job, scene.as_ref(), &pipeline, &mut ended, changes);
     let summary = report::finish(job, ended, (started, start_up), &pipeline, memory_file.as_ref())?;
     // The run is complete, so its saved state is no longer needed.
@@ -244,7 +244,7 @@ fn finish_outputs(
     let end = RunEnd {
         scene: &job.scene.display().to_string(),
         objects: &objects,
-        memory: pipeline.memory(),
+        map: pipeline.map(),
         pose_corrections: &history.pose_corrections(&pipeline.keyframe_poses()),
         remaps: history.remaps(),
         changes,
@@ -254,11 +254,11 @@ fn finish_outputs(
 
 /// Writes what has changed since a loaded map. Returns `None` if that is unknown.
 fn write_changes(before: &MapBefore, pipeline: &Pipeline, ended: &mut LoopOutcome) -> Option<MapChanges> {
-    let (memory, keyframes) = pipeline.memory().zip(pipeline.keyframes())?;
+    let (map, keyframes) = pipeline.map().zip(pipeline.keyframes())?;
     if ended.written.frames == 0 {
         return None;
     }
-    match before.changes(memory, &keyframes).and_then(|changes| Ok((map_changes::json(&changes)?, changes))) {
+    match before.changes(&map, &keyframes).and_then(|changes| Ok((map_changes::json(&changes)?, changes))) {
         Ok((bytes, changes)) => {
             if let Err(error) = ended.written.folder.write(CHANGES, &bytes) {
                 ended.written.output_errors.push(error);

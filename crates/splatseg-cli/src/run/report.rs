@@ -7,7 +7,7 @@ use crate::Failure;
 use crate::terminal::counted;
 use splatseg::Pipeline;
 use splatseg::summary::{PoseStateCounts, RunCounts, Summary, peak_memory_mb};
-use splatseg_memory::SplatMemory;
+use splatseg_geometry::MapView;
 use splatseg_output::{ObjectsFile, PosesFile};
 use std::time::{Duration, Instant};
 
@@ -42,7 +42,7 @@ pub fn finish(
     }
     let frames = counted(counts.frames, "frame");
     let at = if early.is_some() { format!("after {frames}") } else { format!("at the end of {frames}") };
-    let mut summary = summary(job, counts, times, pipeline.memory());
+    let mut summary = summary(job, counts, times, pipeline.map());
     summary.error = early.as_ref().map(EarlyEnd::reason).into_iter().chain(lost.iter().cloned()).reduce(joined);
     if folder.has_results() {
         let text = serde_json::to_string_pretty(&summary).map_err(Failure::runtime)?;
@@ -92,9 +92,9 @@ fn summary(
     job: &RunJob,
     counts: RunCounts,
     (started, start_up): (Instant, Duration),
-    memory: Option<&SplatMemory>,
+    map: Option<MapView<'_>>,
 ) -> Summary {
-    let is_tentative = |id: &&u32| memory.is_some_and(|memory| memory.is_tentative(**id));
+    let is_tentative = |id: &&u32| map.is_some_and(|map| map.is_tentative(**id));
     Summary {
         frames: counts.frames,
         resumed_frames: counts.resumed_frames,
@@ -107,8 +107,8 @@ fn summary(
         remapped_ids: counts.remapped_ids,
         rgb_id_images: counts.rgb_id_images,
         tentative_segments: counts.ids.iter().filter(is_tentative).count(),
-        gaussians: memory.map_or(0, SplatMemory::gaussian_count),
-        parameters: memory.map_or(0, SplatMemory::parameter_count),
+        gaussians: map.map_or(0, |map| map.gaussian_count()),
+        parameters: map.map_or(0, |map| map.parameter_count()),
         peak_memory_mb: peak_memory_mb(),
         stage_ms: counts.stage_ms(),
         track_errors: counts.track_errors,

@@ -44,7 +44,8 @@ pub fn start(
         false => Saving::Off,
     };
     let mut written = WriterOutcome::new(folder, outputs, saving);
-    (written.frames, written.output_errors) = (saved.state.frames, lost);
+    written.frames = saved.state.frames;
+    written.output_errors = lost;
     saved.frames.iter().enumerate().for_each(|(number, frame)| written.history.add_saved(number, frame));
     let mut pose_states = PoseStateCounts::default();
     saved.frames.iter().for_each(|frame| pose_states.add(frame.pose_state));

@@ -8,8 +8,7 @@ use crate::support::{
 };
 use splatseg_annotations::write_segments_png;
 use splatseg_dataset::read_segments_png;
-use splatseg_geometry::SegmentMap;
-use splatseg_memory::MAX_16_BIT_ID;
+use splatseg_geometry::{MAX_16_BIT_ID, SegmentMap};
 use std::fs;
 use std::io::{BufRead, BufReader};
 use std::path::Path;

@@ -83,10 +83,10 @@ fn write_page(folder: &Path) -> usize {
         };
         page.add_frame(&record, &mut Folder(folder)).unwrap();
     }
-    let objects = ObjectList::new(&log, Some(&memory));
-    let (scene, memory_end, remaps) = ("wall of tiles", Some(&memory), RemapLog::default());
+    let objects = ObjectList::new(&log, Some(memory.map()));
+    let (scene, map_at_end, remaps) = ("wall of tiles", Some(memory.map()), RemapLog::default());
     let end =
-        RunEnd { scene, objects: &objects, memory: memory_end, pose_corrections: &[], remaps: &remaps, changes: None };
+        RunEnd { scene, objects: &objects, map: map_at_end, pose_corrections: &[], remaps: &remaps, changes: None };
     page.finish(&end, &mut Folder(folder)).unwrap();
     memory.gaussian_count()
 }

@@ -3,8 +3,7 @@
 use glam::{DVec3, Vec3};
 use splatseg_annotations::{read_mesh_vertices, read_vertex_instances};
 use splatseg_dataset::DatasetError;
-use splatseg_geometry::SegmentId;
-use splatseg_memory::ExportedGaussian;
+use splatseg_geometry::{MapGaussian, SegmentId};
 use splatseg_metrics::{InstanceScorer, MetricsError, PredictedInstance};
 use splatseg_objects::{VertexId, vertex_ids};
 use std::collections::{BTreeMap, BTreeSet};
@@ -57,7 +56,7 @@ impl MeshTruth {
     ///
     /// # Errors
     /// If an instance has a vertex index out of range (unreachable).
-    pub fn score(&self, gaussians: &[ExportedGaussian], origin: DVec3) -> Result<MeshScore, MetricsError> {
+    pub fn score(&self, gaussians: &[MapGaussian], origin: DVec3) -> Result<MeshScore, MetricsError> {
         let vertices: Vec<Vec3> = self.vertices.iter().map(|vertex| (*vertex - origin).as_vec3()).collect();
         let ids = vertex_ids(gaussians, &vertices);
         let predictions = group_instances(&ids);

@@ -7,8 +7,8 @@
 use super::{FrameResult, Pipeline, PipelineError, Segmented, UnusableFrame};
 use super::{in_thread_pool, process, segment, timed};
 use splatseg_dataset::{FrameReadError, FrameSource, StreamedFrame};
-use splatseg_geometry::{Pose, RgbdFrame, SegmentMap};
-use splatseg_memory::{Attached, SplatFileError, SplatMemory};
+use splatseg_geometry::{MapView, Pose, RgbdFrame, SegmentMap};
+use splatseg_memory::{Attached, SplatFileError};
 use splatseg_odometry::InputDoubt;
 use std::path::Path;
 
@@ -42,18 +42,18 @@ impl<'p, S: FrameSource> Frames<'p, S> {
         Self { pipeline, source, next: None }
     }
 
-    /// The splat memory after the latest frame, if the method has one.
-    pub fn memory(&self) -> Option<&SplatMemory> {
-        self.pipeline.memory()
+    /// The map after the latest frame, if the method has one.
+    pub fn latest_map(&self) -> Option<MapView<'_>> {
+        self.pipeline.map()
     }
 
     /// Saves the memory after the latest frame for a run that continues later: with the names of all objects, and without
     /// keyframes, which are part of [`Self::pose_state`].
     ///
     /// # Errors
-    /// As [`SplatMemory::save`]; `Ok(false)` if the method has no memory.
+    /// As [`SplatMemory::save`](splatseg_memory::SplatMemory::save); `Ok(false)` if the method has no memory.
     pub fn save_memory(&self, path: impl AsRef<Path>) -> Result<bool, SplatFileError> {
-        let Some(memory) = self.memory() else { return Ok(false) };
+        let Some(memory) = self.pipeline.memory() else { return Ok(false) };
         let names = self.pipeline.names();
         // Forgotten objects keep their labels in the list of the whole run.
         let names = (!names.is_empty()).then(|| names.to_bytes());

@@ -22,7 +22,7 @@ pub use stage_times::StageTimes;
 use crate::Settings;
 use naming::Naming;
 use splatseg_dataset::FrameSource;
-use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, Pose, RemappedId, RgbdFrame, ScoredMask};
+use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, MapView, Pose, RemappedId, RgbdFrame, ScoredMask};
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::{ObjectLog, ObjectSighting};
@@ -210,7 +210,12 @@ impl Pipeline {
         self.method.name()
     }
 
-    /// The splat memory, if the method has one.
+    /// The map, if the method has one.
+    pub fn map(&self) -> Option<MapView<'_>> {
+        self.method.map()
+    }
+
+    /// The splat memory, if the method has one. To read the map use [`Self::map`].
     pub fn memory(&self) -> Option<&SplatMemory> {
         self.method.memory()
     }

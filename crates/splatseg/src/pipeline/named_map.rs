@@ -29,7 +29,7 @@ impl NamedMap {
         let mut memory = SplatMemory::load(path, memory_settings.clone())?;
         let mut names = take_names(&mut memory, path)?;
         // The state of a stopped run also has the names of objects that it has forgotten.
-        names.keep_only(&memory.carried_ids());
+        names.keep_only(&memory.map().carried_ids());
         Ok(Self { memory, names })
     }
 }

@@ -3,7 +3,6 @@
 use super::{Frames, Pipeline};
 use splatseg_dataset::FrameSource;
 use splatseg_geometry::{RemappedId, RgbdFrame, SegmentId};
-use splatseg_memory::SplatMemory;
 use splatseg_objects::{
     KeptViews, NameError, Object, ObjectList, ObjectName, ObjectNames, ObjectSighting, ObjectState, ObjectView,
 };
@@ -122,7 +121,7 @@ impl Pipeline {
         mut namer: impl FnMut(ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>>,
     ) -> Result<usize, NameObjectsError> {
         let views = self.naming.views.as_ref().ok_or(NameObjectsError::NoViews)?;
-        let is_carried = |id: &SegmentId| self.memory().is_none_or(|memory| memory.is_carried(*id));
+        let is_carried = |id: &SegmentId| self.map().is_none_or(|map| map.is_carried(*id));
         let to_name: BTreeSet<SegmentId> = views.to_name(&self.naming.names).filter(is_carried).collect();
         // The list of objects takes milliseconds, and mostly there is nothing to name.
         if to_name.is_empty() {
@@ -184,7 +183,7 @@ impl Pipeline {
     /// The objects seen so far or in the memory, with their labels. Confidences and best views are unknown until
     /// [`ObjectList::add_sightings`] is called.
     pub fn object_list(&self) -> ObjectList {
-        let mut list = ObjectList::new(&self.objects, self.method.memory());
+        let mut list = ObjectList::new(&self.objects, self.map());
         list.add_names(&self.naming.names);
         list
     }
@@ -200,7 +199,7 @@ impl Pipeline {
 
     /// The objects in the memory; `None` without a memory.
     fn present(&self) -> Option<BTreeSet<SegmentId>> {
-        self.memory().map(SplatMemory::carried_ids)
+        self.map().map(|map| map.carried_ids())
     }
 }
 

@@ -4,8 +4,8 @@ use super::output::confidence;
 use super::{FrameOutput, Method, check_comparable};
 use crate::matching::painted;
 use crate::{TrackErrorCounts, TrackingError};
-use splatseg_geometry::{Mask, MaskLinker, MaskRuns, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId};
-use splatseg_memory::{FrameUpdate, MAX_SEGMENT_ID};
+use splatseg_geometry::{MAX_SEGMENT_ID, Mask, MaskLinker, MaskRuns, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId};
+use splatseg_memory::FrameUpdate;
 use splatseg_settings::{Allowed, settings};
 
 settings! {

@@ -80,7 +80,9 @@ impl FastSamSplat {
     pub fn with_memory(mut settings: FastSamSplatSettings, memory: SplatMemory) -> Result<Self, TrackingError> {
         settings.validate()?;
         if !memory.rules().judges_predictions {
-            (settings.min_match_f_score, settings.min_visible_fraction, settings.min_new_fraction) = (0.0, 0.0, 0.0);
+            settings.min_match_f_score = 0.0;
+            settings.min_visible_fraction = 0.0;
+            settings.min_new_fraction = 0.0;
         }
         Ok(Self { memory, settings })
     }
@@ -202,7 +204,7 @@ impl Method for FastSamSplat {
         self.memory.record_shown(&segments);
         if !self.settings.show_tentative {
             let ids = segments.areas().into_keys();
-            let tentative: BTreeSet<SegmentId> = ids.filter(|id| self.memory.is_tentative(*id)).collect();
+            let tentative: BTreeSet<SegmentId> = ids.filter(|id| self.memory.map().is_tentative(*id)).collect();
             segments = segments.map(|id| if tentative.contains(id) { 0 } else { *id });
         }
         Ok(FrameOutput {

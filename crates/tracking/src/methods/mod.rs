@@ -15,8 +15,10 @@ pub use sam2::{Sam2Baseline, Sam2BaselineSettings};
 pub use sam2_splat::{Sam2Splat, Sam2SplatSettings};
 
 use crate::TrackingError;
-use splatseg_geometry::{FrameAnchor, MapCorrection, RemappedId, RgbdFrame, ScoredMask, SegmentId};
-use splatseg_memory::{MAX_SEGMENT_ID, SplatMemory};
+use splatseg_geometry::{
+    FrameAnchor, MAX_SEGMENT_ID, MapCorrection, MapView, RemappedId, RgbdFrame, ScoredMask, SegmentId,
+};
+use splatseg_memory::SplatMemory;
 use std::collections::BTreeSet;
 
 /// Assigns ids to the segments of an RGB-D video, one frame at a time.
@@ -50,7 +52,12 @@ pub trait Method: Send {
         Vec::new()
     }
 
-    /// Splat memory, if the method has one.
+    /// The map, if the method has one.
+    fn map(&self) -> Option<MapView<'_>> {
+        self.memory().map(SplatMemory::map)
+    }
+
+    /// The splat memory, if the method has one. It is what is saved; to read the map use [`Self::map`].
     fn memory(&self) -> Option<&SplatMemory> {
         None
     }

@@ -86,7 +86,7 @@ impl Sam2Splat {
     fn drop_forgotten(&mut self, forgotten: &[SegmentId], visible: &[(SegmentId, Mask)]) {
         self.forgotten.extend(forgotten);
         let memory = &self.memory;
-        self.forgotten.retain(|id| !memory.is_carried(*id));
+        self.forgotten.retain(|id| !memory.map().is_carried(*id));
         let is_visible = |id: &SegmentId| visible.binary_search_by_key(id, |(id, _)| *id).is_ok();
         let tracker = self.tracker.as_mut();
         self.forgotten.retain(|id| {

@@ -134,8 +134,10 @@ mod tests {
     #[test]
     fn the_predictor_gets_the_settings() {
         let settings = Sam2TrackerSettings::default().with(|settings| {
-            (settings.objects_per_chunk, settings.fill_hole_area) = (7, 5);
-            (settings.add_all_frames_to_correct_as_cond, settings.absent_check_interval) = (true, 9);
+            settings.objects_per_chunk = 7;
+            settings.fill_hole_area = 5;
+            settings.add_all_frames_to_correct_as_cond = true;
+            settings.absent_check_interval = 9;
             settings.max_cond_frames_in_attn = 3;
         });
         let expected = Sam2PredictorSettings {

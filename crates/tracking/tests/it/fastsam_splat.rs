@@ -185,7 +185,8 @@ fn masks_of_another_size_are_rejected() {
 fn whole_masks_or_visible_parts_are_matched() {
     let ids = |whole: bool| {
         let settings = FastSamSplatSettings::default().with(|settings| {
-            (settings.match_whole_masks, settings.memory) = (whole, features());
+            settings.match_whole_masks = whole;
+            settings.memory = features();
             settings.min_area = 1;
         });
         let mut method = FastSamSplat::new(settings, 0, &mut |_| {}).unwrap();

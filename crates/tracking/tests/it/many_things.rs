@@ -10,6 +10,6 @@ fn tracks_of_forgotten_objects_end() {
     let mut most = 0;
     let method = show(FRAMES, |_, followed| most = followed.most);
     let memory = method.memory().unwrap();
-    let carried = memory.carried_ids().len();
+    let carried = memory.map().carried_ids().len();
     assert!(carried < 100 && most <= carried + 20, "{most} tracks, {carried} things in the memory");
 }

@@ -151,12 +151,12 @@ fn the_map_comes_when_it_is_due_and_has_changed() {
     let server = start(ViewLimits { map_interval: interval, ..ViewLimits::default() });
     let mut page = watched(&server);
     // The second is not due, the third is the same.
-    server.publish_map(&memory);
-    server.publish_map(&memory);
+    server.publish_map(&memory.map());
+    server.publish_map(&memory.map());
     let (map, _) = page.page_message("map").unwrap();
     assert_eq!(map["map"]["total"], memory.gaussian_count());
     std::thread::sleep(3 * interval);
-    server.publish_map(&memory);
+    server.publish_map(&memory.map());
     server.publish_frame(None, || ViewFrame { name: "after the map".to_owned(), ..frame(1, 32, 24) });
     let mut maps = 0;
     let start = Instant::now();
@@ -167,7 +167,7 @@ fn the_map_comes_when_it_is_due_and_has_changed() {
     }
     assert_eq!(maps, 0, "the same map is not sent again");
     memory.update(memory.recall(&frames[1].0), ids, &BTreeSet::new()).unwrap();
-    server.publish_map(&memory);
+    server.publish_map(&memory.map());
     assert_eq!(page.page_message("map").unwrap().0["map"]["total"], memory.gaussian_count());
 }
 

@@ -55,8 +55,11 @@ fn loss(learning: &Learning<'_>, active: &ActiveWeights, features: &[f32]) -> f6
 /// last step.
 fn descent(back: f32, rate: f32) -> (Vec<f64>, f32) {
     let settings = MemorySettings::default().with(|settings| {
-        (settings.kind, settings.feature_dim, settings.num_codes) = (MemoryKind::Features, 14, 16);
-        (settings.learning_rate, settings.direction_learning_rate) = (rate, rate);
+        settings.kind = MemoryKind::Features;
+        settings.feature_dim = 14;
+        settings.num_codes = 16;
+        settings.learning_rate = rate;
+        settings.direction_learning_rate = rate;
         settings.active_tolerance = -1.0;
     });
     let mut memory = SplatMemory::new(settings.clone(), 0, &mut |_| {}).unwrap();
@@ -65,7 +68,7 @@ fn descent(back: f32, rate: f32) -> (Vec<f64>, f32) {
     memory.update(memory.recall(&first), &halves(1, 2, 32), &BTreeSet::new()).unwrap();
     let codebook =
         Codebook::generate(&CodebookSettings { num_codes: 16, feature_dim: 14, seed: 0 }, &mut |_| {}).unwrap();
-    let labels = memory.segment_ids();
+    let labels = memory.map().segment_ids();
     let start: Vec<f32> = labels.iter().flat_map(|id| codebook.vector(*id as usize - 1).iter().copied()).collect();
     let frame = wall(back);
     let recall = memory.recall(&frame);
@@ -132,7 +135,9 @@ fn memory(settings: &MemorySettings) -> SplatMemory {
 
 fn settings(feature_dim: usize) -> MemorySettings {
     MemorySettings::default().with(|settings| {
-        (settings.kind, settings.feature_dim, settings.num_codes) = (MemoryKind::Features, feature_dim, 16);
+        settings.kind = MemoryKind::Features;
+        settings.feature_dim = feature_dim;
+        settings.num_codes = 16;
     })
 }
 
@@ -148,7 +153,8 @@ fn patchwork(random: &mut ChaCha8Rng) -> SegmentBelief {
         let (id, confidence) = (random.random_range(0..=4), random.random_range(0.0..1.0));
         let (left, top) = (random.random_range(0..SIZE.0 - 12), random.random_range(0..SIZE.1 - 12));
         for at in (left..left + 12).flat_map(|column| (top..top + 9).map(move |row| (column, row))) {
-            (target.segments[at], target.confidence[at]) = (id, confidence);
+            target.segments[at] = id;
+            target.confidence[at] = confidence;
         }
     }
     target
@@ -338,7 +344,8 @@ fn features_move_by_the_formulas() {
     let with_others = [(4, 0.3, (0.0, 1.0)), (4, 0.5, (50.0, 0.01))];
     for (feature_dim, direction_learning_rate, weights) in with_usual_weights.into_iter().chain(with_others) {
         let settings = settings(feature_dim).with(|settings| {
-            (settings.num_steps, settings.direction_learning_rate) = (4, direction_learning_rate);
+            settings.num_steps = 4;
+            settings.direction_learning_rate = direction_learning_rate;
             (settings.magnitude_weight, settings.direction_weight) = weights;
         });
         let (memory, codebook) = (memory(&settings), codebook(&settings));

@@ -2,9 +2,10 @@
 
 use super::sample::{SEGMENTS, features, sample, with_content};
 use glam::{DVec3, Vec3};
-use splatseg_memory::{ExportedForm, ExportedGaussian, MemoryKind, SplatContent, Votes, write_exported};
+use splatseg_geometry::MapGaussian;
+use splatseg_memory::{ExportedForm, MemoryKind, SplatContent, Votes, write_exported};
 
-const GAUSSIAN: ExportedGaussian = ExportedGaussian {
+const GAUSSIAN: MapGaussian = MapGaussian {
     mean: Vec3::new(1.0, -2.0, 3.5),
     radius: 0.25,
     color: [255, 0, 128],
@@ -12,11 +13,11 @@ const GAUSSIAN: ExportedGaussian = ExportedGaussian {
     confidence: 0.5,
 };
 
-fn written(form: ExportedForm, gaussians: &[ExportedGaussian]) -> (String, Vec<u8>) {
+fn written(form: ExportedForm, gaussians: &[MapGaussian]) -> (String, Vec<u8>) {
     written_at(DVec3::ZERO, form, gaussians)
 }
 
-fn written_at(origin: DVec3, form: ExportedForm, gaussians: &[ExportedGaussian]) -> (String, Vec<u8>) {
+fn written_at(origin: DVec3, form: ExportedForm, gaussians: &[MapGaussian]) -> (String, Vec<u8>) {
     let mut bytes = Vec::new();
     write_exported(form, origin, gaussians, &mut bytes).unwrap();
     let end = b"end_header\n";
@@ -53,7 +54,7 @@ fn far_points_are_doubles_and_far_gaussians_state_their_origin() {
 #[test]
 fn gaussians_have_the_values_of_the_saved_memory() {
     let file = sample(MemoryKind::Evidence, 5);
-    let gaussians: Vec<ExportedGaussian> = file.gaussians().collect();
+    let gaussians: Vec<MapGaussian> = file.gaussians().collect();
     let (header, body) = written(ExportedForm::Gaussians, &gaussians);
     let names: Vec<&str> = header.lines().filter_map(|line| line.strip_prefix("property ")).collect();
     let floats = body.as_chunks::<{ 4 * 18 }>().0;

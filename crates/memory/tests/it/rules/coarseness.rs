@@ -3,7 +3,6 @@
 use super::run::{Run, evidence};
 use super::scene::{SIZE, Scene, Shot};
 use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
-use splatseg_memory::RADIUS_PER_SPACING;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A wall with the border of two segments in the middle of the view.
@@ -13,17 +12,20 @@ fn halves() -> (Shot, SegmentMap) {
     (shot, predicted)
 }
 
+/// Radius of a Gaussian, in the spacing of the pixels that it stands for.
+const RADIUS_PER_SPACING: f32 = 0.6;
+
 #[test]
 fn gaussians_are_coarse_inside_a_segment_and_fine_at_its_border() {
     let (shot, predicted) = halves();
     let settings = evidence().with(|settings| settings.growth_spacing = 4);
     let mut run = Run::new(settings.clone());
     run.show_as(&shot, &predicted);
-    let balls = run.memory.balls();
+    let map = run.memory.map();
     // A pixel is 3.75 cm wide on the wall. The border is at x = 0.
     let pixel = 3.0 / 80.0;
     let radii = |from: f32, to: f32| {
-        let radii = balls.means.iter().zip(&balls.radii);
+        let radii = map.means.iter().zip(map.radii);
         let radii = radii.filter(move |(mean, _)| (from * pixel..to * pixel).contains(&mean.x.abs()));
         radii.map(|(_, radius)| *radius).collect::<Vec<f32>>()
     };
@@ -65,7 +67,7 @@ fn sides_of_gaussians(is_known: fn(usize, usize) -> bool) -> BTreeMap<usize, usi
     run.show_as(&shot, &shot.truth.map(|_| 0));
     let one_pixel = RADIUS_PER_SPACING * 3.0 / 80.0;
     let mut sides = BTreeMap::new();
-    for radius in &run.memory.balls().radii {
+    for radius in run.memory.map().radii {
         *sides.entry((radius / one_pixel).round() as usize).or_insert(0) += 1;
     }
     sides
@@ -94,7 +96,7 @@ fn a_gaussian_has_the_mean_color_and_place_of_its_block() {
     run.memory.new_segment().unwrap();
     let recall = run.memory.recall(&frame);
     run.memory.update(recall, &shot.truth, &BTreeSet::new()).unwrap();
-    let colors = run.memory.colors();
+    let colors = run.memory.map().colors;
     assert_eq!(colors.len(), SIZE.0 * SIZE.1 / 64);
     for (mean, color) in run.means().iter().zip(colors) {
         let column = mean.x / 3.0 * 80.0 + 0.5 * (SIZE.0 - 1) as f32;

@@ -27,19 +27,22 @@ fn memory_at(offset: DVec3, settings: &MemorySettings) -> SplatMemory {
 
 /// Positions in the coordinates of the scene before it was moved by `offset`.
 fn positions(memory: &SplatMemory, offset: DVec3) -> Vec<Vec3> {
-    memory.balls().means.iter().map(|mean| (mean.as_dvec3() + (memory.origin() - offset)).as_vec3()).collect()
+    memory.map().means.iter().map(|mean| (mean.as_dvec3() + (memory.map().origin - offset)).as_vec3()).collect()
 }
 
 #[test]
 fn a_scene_in_map_coordinates_is_remembered_as_it_is_at_the_origin() {
     for settings in [evidence(), features()] {
         let near = memory_at(DVec3::ZERO, &settings);
-        assert_eq!(near.origin(), DVec3::ZERO);
+        assert_eq!(near.map().origin, DVec3::ZERO);
         for offset in [DVec3::new(5e5, 5.4e6, 0.0), DVec3::splat(1e7), DVec3::new(-3e4, 200.0, 1e6)] {
             let far = memory_at(offset, &settings);
-            assert!((far.origin() - offset).abs().max_element() < 20.0, "{}", far.origin());
-            assert_eq!((far.gaussian_count(), far.segment_ids()), (near.gaussian_count(), near.segment_ids()));
-            for (found, expected) in positions(&far, offset).into_iter().zip(&near.balls().means) {
+            assert!((far.map().origin - offset).abs().max_element() < 20.0, "{}", far.map().origin);
+            assert_eq!(
+                (far.gaussian_count(), far.map().segment_ids()),
+                (near.gaussian_count(), near.map().segment_ids())
+            );
+            for (found, expected) in positions(&far, offset).into_iter().zip(near.map().means) {
                 assert!(found.distance(*expected) < 2e-5, "{found} {expected}");
             }
         }
@@ -56,7 +59,11 @@ fn the_origin_follows_a_long_drive_and_places_stay_where_they_are() {
     let mut run = Run::new(evidence());
     let there: Vec<f64> = (0..30).map(|step| 100.0 * f64::from(step)).collect();
     let ids: Vec<_> = there.iter().map(|x| run.show_matched(&wall(*x))).collect();
-    assert!((run.memory.origin() - DVec3::new(2900.0, -870.0, 0.0)).length() < 200.0, "{}", run.memory.origin());
+    assert!(
+        (run.memory.map().origin - DVec3::new(2900.0, -870.0, 0.0)).length() < 200.0,
+        "{}",
+        run.memory.map().origin
+    );
     let count = run.memory.gaussian_count();
     for (x, ids) in there.iter().zip(ids).rev() {
         assert_eq!(run.show_matched(&wall(*x)), ids, "at {x} m");
@@ -92,17 +99,17 @@ fn a_lone_pose_far_away_does_not_round_the_map() {
         let mut run = Run::new(evidence());
         let shot = Scene::boxes().seen_from_origin();
         run.show_times(&shot, 5);
-        let (before, origin) = (run.positions(), run.memory.origin());
+        let (before, origin) = (run.positions(), run.memory.map().origin);
         let other = Scene::room().seen_from(pose([0.0; 3], 90.0));
         let lost = other.with_pose(Pose::from_translation(DVec3::splat(distance)));
         for _ in 0..4 {
             run.show_times(&lost, 2);
             run.show(&shot);
         }
-        assert_eq!((run.positions(), run.memory.origin()), (before, origin));
+        assert_eq!((run.positions(), run.memory.map().origin), (before, origin));
         // The pose is not a mistake if the camera stays there.
         run.show_times(&lost, 3);
-        assert!(run.memory.origin().length() > distance);
+        assert!(run.memory.map().origin.length() > distance);
     }
 }
 
@@ -116,9 +123,9 @@ fn a_saved_memory_has_its_origin() {
     let text = String::from_utf8_lossy(&std::fs::read(&path).unwrap()[..400]).into_owned();
     assert!(text.contains("\ncomment origin 500000 5400000 16\n"), "{text}");
     let mut continued = Run { memory: SplatMemory::load(&path, evidence()).unwrap() };
-    assert_eq!(continued.memory.origin(), run.memory.origin());
+    assert_eq!(continued.memory.map().origin, run.memory.map().origin);
     for shot in walk(offset, 20).iter().skip(12) {
         assert_eq!(continued.show_matched(shot), run.show_matched(shot));
     }
-    assert_eq!((continued.means(), continued.memory.origin()), (run.means(), run.memory.origin()));
+    assert_eq!((continued.means(), continued.memory.map().origin), (run.means(), run.memory.map().origin));
 }

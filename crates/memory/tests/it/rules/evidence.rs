@@ -196,8 +196,10 @@ fn expected_fused_and_learnt_segments_match_the_definition() {
     // With `removal_frames` 0, Gaussians that a frame sees through stay in the view, in front.
     let removes_nothing = evidence().with(|settings| settings.removal_frames = 0);
     let others = evidence().with(|settings| {
-        (settings.no_segment_weight, settings.contradicted_weight) = (0.4, 0.6);
-        (settings.max_votes, settings.depth_tolerance) = (2.0, 0.2);
+        settings.no_segment_weight = 0.4;
+        settings.contradicted_weight = 0.6;
+        settings.max_votes = 2.0;
+        settings.depth_tolerance = 0.2;
     });
     for settings in [defaults, removes_nothing, others] {
         let mut random = ChaCha8Rng::seed_from_u64(7);
@@ -253,7 +255,7 @@ fn shares_are_of_the_segment_with_the_most_votes() {
     for id in [1, 1, 2] {
         run.show_as(&shot, &shot.truth.map(|_| id));
     }
-    let shares = run.memory.segment_shares();
+    let shares = run.memory.map().segment_shares();
     assert_eq!(shares.len(), run.memory.gaussian_count());
     assert!(shares.iter().all(|share| (share - 2.0 / 3.0).abs() < 1e-3), "{shares:?}");
 }
@@ -262,7 +264,7 @@ fn shares_are_of_the_segment_with_the_most_votes() {
 fn a_gaussian_has_seven_numbers_and_eight_for_its_votes() {
     let mut run = Run::new(evidence());
     run.show(&Scene::wall().seen_from_origin());
-    assert_eq!(run.memory.parameter_count(), 15 * run.memory.gaussian_count());
+    assert_eq!(run.memory.map().parameter_count(), 15 * run.memory.gaussian_count());
 }
 
 #[test]

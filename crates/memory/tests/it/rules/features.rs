@@ -50,7 +50,8 @@ fn the_pixels_of_new_gaussians_are_learnt_only_with_learn_new() {
     let shot = Scene::wall().seen_from_origin();
     let learnt = |learn_new: bool| {
         let settings = features().with(|settings| {
-            (settings.learn_new, settings.active_tolerance) = (learn_new, -1.0);
+            settings.learn_new = learn_new;
+            settings.active_tolerance = -1.0;
         });
         Run::new(settings).show(&shot).update.learning.active_pixels
     };
@@ -107,8 +108,8 @@ fn a_gaussian_has_seven_numbers_and_its_feature() {
     for feature_dim in [1, 8] {
         let mut run = Run::new(features().with(|settings| settings.feature_dim = feature_dim));
         run.show(&Scene::wall().seen_from_origin());
-        assert_eq!(run.memory.parameter_count(), (7 + feature_dim) * run.memory.gaussian_count());
-        assert!(run.memory.segment_shares().iter().all(|share| *share == 1.0), "no second opinion is kept");
+        assert_eq!(run.memory.map().parameter_count(), (7 + feature_dim) * run.memory.gaussian_count());
+        assert!(run.memory.map().segment_shares().iter().all(|share| *share == 1.0), "no second opinion is kept");
     }
 }
 
@@ -127,7 +128,7 @@ fn the_confidence_is_the_remaining_length_of_a_feature() {
 }
 
 #[test]
-fn exported_gaussians_equal_the_saved_ones() {
+fn gaussians_of_the_map_equal_the_saved_ones() {
     for settings in kinds() {
         let mut run = Run::new(settings);
         run.show_times(&Scene::boxes().seen_from_origin(), 2);
@@ -135,6 +136,6 @@ fn exported_gaussians_equal_the_saved_ones() {
         let path = folder.path().join("map.ply");
         run.memory.save(&path).unwrap();
         let saved: Vec<_> = SplatFile::load(&path).unwrap().gaussians().collect();
-        assert!(saved.len() > 100 && run.memory.exported_gaussians().unwrap() == saved);
+        assert!(saved.len() > 100 && run.memory.map().gaussians() == saved);
     }
 }

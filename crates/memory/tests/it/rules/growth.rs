@@ -113,7 +113,8 @@ fn the_papers_rule_adds_where_depths_differ_in_either_direction() {
 /// Numbers of Gaussians that two equal views of the wall add by the paper's rule.
 fn grown_by_paper(growth_silhouette: f32, depth_disparity: f32) -> [usize; 2] {
     let mut run = Run::new(features().with(|settings| {
-        (settings.growth_silhouette, settings.depth_disparity) = (growth_silhouette, depth_disparity);
+        settings.growth_silhouette = growth_silhouette;
+        settings.depth_disparity = depth_disparity;
     }));
     let shot = Scene::wall().seen_from_origin();
     [run.show(&shot).update.grown, run.show(&shot).update.grown]

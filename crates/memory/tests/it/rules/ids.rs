@@ -2,8 +2,8 @@
 
 use super::run::{Run, evidence, features};
 use super::scene::Scene;
-use splatseg_geometry::SegmentMap;
-use splatseg_memory::{GrowthRule, MAX_16_BIT_ID, MemoryError};
+use splatseg_geometry::{MAX_16_BIT_ID, SegmentMap};
+use splatseg_memory::{GrowthRule, MemoryError};
 use std::collections::BTreeSet;
 
 /// Shows a wall that had id 1 as id 2 in 40 frames. Returns the frames that report id 1 as forgotten.
@@ -15,7 +15,7 @@ fn told(run: &mut Run) -> Vec<usize> {
     for frame in 1..=40 {
         let forgotten = run.show_as(&shot, &two).update.forgotten;
         let is_forgotten = forgotten.contains(&1) || !told.is_empty();
-        assert_eq!(run.memory.carried_ids().contains(&1), !is_forgotten, "frame {frame}");
+        assert_eq!(run.memory.map().carried_ids().contains(&1), !is_forgotten, "frame {frame}");
         told.extend(forgotten.contains(&1).then_some(frame));
         assert!(!forgotten.contains(&2));
     }
@@ -31,7 +31,8 @@ fn an_id_is_reported_as_forgotten_once_when_no_gaussian_shows_it_any_more() {
 #[test]
 fn the_memory_of_features_looks_for_forgotten_ids_in_some_frames() {
     let settings = features().with(|settings| {
-        (settings.growth, settings.direction_learning_rate) = (GrowthRule::Missing, 0.5);
+        settings.growth = GrowthRule::Missing;
+        settings.direction_learning_rate = 0.5;
     });
     let mut run = Run::new(settings);
     let shot = Scene::wall().seen_from_origin();
@@ -45,7 +46,7 @@ fn the_memory_of_features_looks_for_forgotten_ids_in_some_frames() {
 fn an_id_is_tentative_until_it_was_predicted_in_two_frames() {
     let mut run = Run::new(evidence());
     let shot = Scene::wall().seen_from_origin();
-    let is_tentative = |run: &Run| [1, 2].map(|id| run.memory.is_tentative(id));
+    let is_tentative = |run: &Run| [1, 2].map(|id| run.memory.map().is_tentative(id));
     run.show(&shot);
     assert_eq!(is_tentative(&run), [true, true]);
     run.show(&shot);

@@ -100,11 +100,11 @@ impl Run {
 
     /// Positions of the Gaussians in the world.
     pub fn positions(&self) -> Vec<Vec3> {
-        self.means().iter().map(|mean| (mean.as_dvec3() + self.memory.origin()).as_vec3()).collect()
+        self.means().iter().map(|mean| (mean.as_dvec3() + self.memory.map().origin).as_vec3()).collect()
     }
 
     pub fn means(&self) -> &[Vec3] {
-        &self.memory.balls().means
+        self.memory.map().means
     }
 
     /// Number of Gaussians in a box or at most `slack` outside it.

@@ -1,7 +1,7 @@
 //! A memory that has used nearly all 16-bit ids.
 
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
-use splatseg_memory::{MAX_16_BIT_ID, MemorySettings, SplatMemory};
+use splatseg_geometry::{Image, Intrinsics, MAX_16_BIT_ID, Pose, RgbdFrame, SegmentMap};
+use splatseg_memory::{MemorySettings, SplatMemory};
 use std::collections::BTreeSet;
 use std::path::Path;
 
