@@ -135,7 +135,7 @@ mod gpu {
             }
         });
         outcome.map_err(|message| {
-            let message = crate::transfer::root_cause(&message);
+            let message = crate::device_error::root_cause(&message);
             let message = if message.is_empty() { "the driver gave no reason".to_owned() } else { message };
             DeviceError::Unusable { name: name.name(), message }
         })

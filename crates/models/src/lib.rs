@@ -19,6 +19,8 @@ pub mod completeness;
 pub mod convolution;
 pub mod device;
 #[cfg(feature = "networks")]
+mod device_error;
+#[cfg(feature = "networks")]
 pub mod fastsam;
 #[cfg(feature = "networks")]
 pub mod sam2;

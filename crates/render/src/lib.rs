@@ -14,15 +14,17 @@ mod active;
 mod blend_weights;
 mod camera;
 mod gaussians;
+mod pixel_set;
 mod projection;
 mod rasterise;
 mod tiles;
 mod view;
 
-pub use active::{ActiveTile, ActiveWeights, PixelSet};
+pub use active::{ActiveTile, ActiveWeights};
 pub use blend_weights::{BlendWeights, TileWeights};
 pub use camera::{Camera, RasterLimits};
 pub use gaussians::{Balls, Gaussians, Shape, Splats};
+pub use pixel_set::PixelSet;
 pub use projection::{ProjectedGaussian, project, project_one};
 pub use view::View;
 

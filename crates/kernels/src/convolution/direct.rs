@@ -8,8 +8,6 @@ use crate::instructions::{Instructions, LANES};
 use rayon::prelude::*;
 use std::cell::RefCell;
 
-/// Maximum number of columns of a tile.
-pub(super) const MAX_TILE_COLUMNS: usize = 32;
 /// Number of columns of a strip computed together: their panels for a block of the inner dimension stay in a core's
 /// second-level cache.
 const COLUMN_BLOCK: usize = 96;

@@ -1,7 +1,9 @@
 //! Strips: rows of the input, laid out so that every kernel tap is a constant offset.
 
 use super::ConvolutionShape;
-use super::direct::MAX_TILE_COLUMNS;
+
+/// Maximum number of columns of a tile.
+pub(super) const MAX_TILE_COLUMNS: usize = 32;
 
 /// Maximum length of a strip, unless a single row of outputs needs more: 1 MiB, half of a typical second-level cache.
 const STRIP_LEN: usize = 1 << 18;

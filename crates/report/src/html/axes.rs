@@ -1,6 +1,5 @@
 //! Axes of charts: they map numbers to positions in the drawing.
 
-use super::chart::tenths;
 use maud::{Markup, html};
 
 /// Width of a chart, in its own units; it is scaled to the page.
@@ -130,6 +129,11 @@ fn tick_label(value: f64) -> String {
         size if size >= 1e4 => format!("{}k", text(value / 1e3)),
         _ => text(value),
     }
+}
+
+/// Formats a coordinate with one decimal.
+pub(super) fn tenths(value: f64) -> String {
+    format!("{value:.1}")
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Charts as SVG, with a legend in HTML.
 
-use super::axes::{Axes, HEIGHT, WIDTH};
+use super::axes::{Axes, HEIGHT, WIDTH, tenths};
 use maud::{Markup, html};
 
 /// Number of colours in the page's style sheet: enough for the stages of a method.
@@ -128,11 +128,6 @@ impl Chart {
         let points = points.iter().map(|(x, y)| format!("{:.1} {:.1}", self.axes.x(*x), self.axes.y(*y)));
         format!("M{}", points.collect::<Vec<_>>().join(" L"))
     }
-}
-
-/// Formats a coordinate with one decimal.
-pub(super) fn tenths(value: f64) -> String {
-    format!("{value:.1}")
 }
 
 fn class(color: usize) -> String {
