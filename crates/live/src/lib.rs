@@ -2,6 +2,11 @@
 //!
 //! [`LiveStream`] is fed with messages from any thread and gives the newest complete frame. [`LiveSession`] processes
 //! these frames, publishes results through an [`Outlet`] and saves the map. There is no transport in this crate.
+//!
+//! Between two frames a session publishes all objects, points and its state when they are due, answers requests
+//! (`requests.rs`) and saves the map (`saved_map.rs`). Messages that no outlet wants are not made. A transport has to
+//! feed the stream and implement [`Outlet`]. With [`LiveStream::without_drops`] a session waits by the times of the
+//! messages instead of the clock, so that the same messages give the same map.
 
 mod error;
 mod latest_times;

@@ -8,8 +8,9 @@
 //! segmenter that never finds the same object twice. No printed number may grow once all ids that fit a 16-bit image
 //! have been given out (5,462 frames).
 
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Pose, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatMemory};
+use splatseg_test_scenes::{camera, wall};
 use std::collections::BTreeSet;
 use std::error::Error;
 use std::time::Instant;
@@ -22,9 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let frames: usize = std::env::args().nth(1).map_or(Ok(36_000), |text| text.parse())?;
     let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {})?;
     let (width, height) = SIZE;
-    let camera = Intrinsics { fx: 70.0, fy: 70.0, cx: 39.5, cy: 29.5, width, height };
-    let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, 2.0));
-    let frame = RgbdFrame::new("wall", color, depth, camera, Pose::IDENTITY)?;
+    let frame = wall("wall", camera(width, height, 70.0), 2.0, Pose::IDENTITY);
     println!("frames  ms per frame  resident MB  Gaussians  largest id  saved bytes");
     let folder = std::env::temp_dir().join(format!("endless-stream-{}.ply", std::process::id()));
     let (mut started, mut largest) = (Instant::now(), 0);

@@ -5,6 +5,11 @@
 //! not depend on any segmenter.
 //!
 //! `segment_store.rs` defines the trait of a kind of memory; `evidence/` and `features/` implement it.
+//!
+//! Both kinds of memory share the map: Gaussians are opaque balls (`map.rs`), the view is rasterised once per frame
+//! (`recall.rs`), and there is one implementation of growth (`growth.rs`, `borders.rs`, `depth_completion.rs`), removal
+//! (`removal.rs`), contradictions between frames and map (`recent/`), corrections (`correction.rs`) and ids
+//! (`segments.rs`).
 
 mod belief;
 mod borders;

@@ -1,4 +1,16 @@
 //! Neural networks and their checkpoints. Independent of splats.
+//!
+//! - [`fastsam`]: masks, boxes and scores from an image, or masks at given points. `splatseg-segmenter` wraps it as a
+//!   segmenter; the method FastSPAM uses its masks at points.
+//! - [`sam2`]: SAM 2.1, EdgeTAM and EfficientTAM, which follow prompted objects through a video.
+//! - [`checkpoint`]: their files, parsed and never executed.
+//!
+//! Burn holds the tensors and runs the cheap layers. On the CPU, the expensive ones are loops of `splatseg-kernels`; on
+//! other devices the same layers use Burn's operations. All transfers to and from such a device go through
+//! `transfer.rs`, which counts them.
+//!
+//! Burn is needed only with the feature `networks`. Without it, stand-ins take the networks' place
+//! (`without_networks/`), so that other crates need no conditions of their own.
 
 pub mod checkpoint;
 #[cfg(feature = "networks")]

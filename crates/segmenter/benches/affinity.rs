@@ -6,13 +6,12 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
 use splatseg_geometry::CameraFrame;
 use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, Segmenter};
-use std::path::Path;
+use splatseg_test_scenes::demo_clip;
 
 /// The first frame of the demo.
 fn frame() -> CameraFrame<'static> {
-    let clip = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splatseg-cli/demo");
     let settings = DatasetSettings::default();
-    let scene = open_scene(&clip, &settings).expect("the demo");
+    let scene = open_scene(demo_clip(), &settings).expect("the demo");
     let mut frames = FrameStream::open(scene, &settings, GroundTruth::Skip).expect("the demo");
     frames.next().expect("a frame").expect("a frame").frame
 }

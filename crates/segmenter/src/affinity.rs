@@ -6,6 +6,10 @@
 //!    size.
 //! 3. [`regions`] and [`agglomeration`]: pixels are grouped into small regions, and regions are merged while the mean
 //!    log-odds between two of them are above a threshold. Every pixel belongs to one segment.
+//!
+//! The network on the CPU does not use Burn. Its inputs and outputs are compared with those of the training code in
+//! Python on golden data that `training/make_test_data.py` makes. [`AffinitySegmenter::merge_tree`] returns the whole
+//! tree of merges, of which the segments are a cut.
 
 mod agglomeration;
 #[cfg(feature = "networks")]

@@ -1,4 +1,4 @@
-//! FastSAM as a segmenter.
+//! FastSAM as a segmenter. The network itself is in `splatseg-models`.
 
 use crate::{Segmenter, SegmenterError};
 use splatseg_geometry::{CameraFrame, ScoredMask};

@@ -12,16 +12,15 @@ use splatseg::pipeline::StageTimes;
 use splatseg::segmenter::{GraphSegmenter, GraphSettings, SegmenterError};
 use splatseg::tracking::{FastSamSplat, FastSamSplatSettings};
 use splatseg::{CameraFrame, Pipeline, RgbdFrame, Segmenter};
-use std::path::Path;
+use splatseg_test_scenes::shared;
 use std::sync::Arc;
 use std::time::Duration;
 
 fn scene(settings: &DatasetSettings) -> Arc<dyn Scene> {
-    let redkitchen = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/redkitchen");
-    if redkitchen.exists() {
+    if let Some(redkitchen) = shared("data/redkitchen", "fastsam_splat, on redkitchen") {
         return open_scene(redkitchen, settings).expect("redkitchen can be read");
     }
-    println!("../shared is not here: measuring the synthetic room");
+    println!("measuring the synthetic room");
     open_scene("synthetic:frames=100,noise=kinect", settings).expect("the synthetic room needs no file")
 }
 

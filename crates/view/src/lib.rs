@@ -6,6 +6,16 @@
 //!
 //! `publish_*` never waits for a viewer. The newest frame waits in a slot until the encoding thread takes it, and each
 //! viewer has slots of its own.
+//!
+//! | file | |
+//! | --- | --- |
+//! | `hub.rs`, `encoder.rs` | the newest frame, and the one thread that encodes it if anybody watches |
+//! | `slots.rs` | the messages that wait for a viewer: the newest frame replaces an older one that was not sent |
+//! | `connection.rs`, `page_viewer.rs`, `foxglove_viewer.rs` | a thread for each viewer |
+//! | `request.rs` | who is served |
+//!
+//! A viewer that takes or answers nothing for ten seconds is disconnected. A page confirms each message once it is
+//! shown, so that frames do not queue up in the browser.
 
 mod camera_path;
 mod channel;

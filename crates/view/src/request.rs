@@ -1,4 +1,8 @@
 //! HTTP requests: reading, parsing, and the decision whether to answer.
+//!
+//! The token must be right. The host must be numeric or known, because a hostile site's name may resolve to this
+//! computer. The origin must be the server's own, except for Foxglove with the whole link, whose pages come from
+//! another site.
 
 use crate::foxglove::SUBPROTOCOLS;
 use crate::hub::Shared;

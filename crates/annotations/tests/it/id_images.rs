@@ -3,17 +3,11 @@
 use splatseg_annotations::{WriteIdsError, write_segments_png};
 use splatseg_dataset::{DatasetError, read_segments_png};
 use splatseg_geometry::{Image, SegmentId, SegmentMap};
+use splatseg_test_scenes::file_names;
 use std::fs;
 
 /// The largest id of an RGB image.
 const MAX_ID: SegmentId = 16_777_215;
-
-fn names(folder: &std::path::Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
-}
 
 #[test]
 fn segments_survive_writing_and_reading() {
@@ -28,7 +22,7 @@ fn segments_survive_writing_and_reading() {
     assert_eq!(read_segments_png(&path).unwrap(), map);
     let rgb = image::open(&path).unwrap();
     assert_eq!(rgb.as_rgb8().unwrap().get_pixel(1, 1).0, [3, 2, 1], "R + 256 G + 65536 B");
-    assert_eq!(names(folder.path()), ["7.png"]);
+    assert_eq!(file_names(folder.path()), ["7.png"]);
 }
 
 #[test]
@@ -38,7 +32,7 @@ fn ids_that_do_not_fit_and_empty_maps_are_refused() {
     let error = write_segments_png(&path, &Image::filled(2, 2, MAX_ID + 1)).unwrap_err();
     assert!(error.to_string().ends_with("7.png: segment id 16777216 does not fit an image (at most 16777215)"));
     assert!(matches!(write_segments_png(&path, &Image::filled(0, 0, 1)), Err(WriteIdsError::Encode { .. })));
-    assert!(names(folder.path()).is_empty());
+    assert!(file_names(folder.path()).is_empty());
 }
 
 #[test]

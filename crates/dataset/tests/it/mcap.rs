@@ -23,8 +23,7 @@ fn pose_error(left: &RgbdFrame, right: &RgbdFrame) -> f64 {
 
 #[test]
 fn a_robots_recording_has_the_frames_of_the_folder_that_it_was_made_of() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splatseg-cli/demo");
-    let folder = open_scene(folder, &DatasetSettings::default()).unwrap();
+    let folder = open_scene(splatseg_test_scenes::demo_clip(), &DatasetSettings::default()).unwrap();
     let recording = open_scene(data("room.mcap"), &DatasetSettings::default()).unwrap();
     assert_eq!((recording.format(), recording.name(), recording.frame_count()), (Some(Format::Mcap), "room", 4));
     for index in 0..4 {

@@ -5,7 +5,7 @@ use glam::Vec2;
 use proptest::prelude::*;
 use splatseg_dataset::{
     DatasetError, DatasetSettings, FrameSource, FrameStream, Framing, GroundTruth, ImageSize, MAX_FRAMES_IN_MEMORY,
-    RecordedFrame, Scene, SyntheticScene, open_scene,
+    RecordedFrame, Scene, open_scene,
 };
 use splatseg_geometry::{RunLengths, SegmentMap};
 use std::fs;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 fn room(text: &str) -> Arc<dyn Scene> {
-    Arc::new(SyntheticScene::new(text.parse().unwrap()).unwrap())
+    Arc::new(splatseg_test_scenes::room(text))
 }
 
 fn indices(scene: &Arc<dyn Scene>, settings: &DatasetSettings) -> Vec<usize> {

@@ -2,20 +2,16 @@
 
 use glam::Vec2;
 use rayon::ThreadPoolBuilder;
-use splatseg_dataset::{Scene, SyntheticScene};
+use splatseg_dataset::Scene;
+use splatseg_test_scenes::{room, truth};
 use std::collections::BTreeSet;
-
-fn room(text: &str) -> SyntheticScene {
-    SyntheticScene::new(text.parse().unwrap()).unwrap()
-}
 
 #[test]
 fn neighbouring_frames_agree_on_places_and_ids() {
     let scene = room("synthetic:frames=40,seed=2,width=160,height=120");
     for first in [0, 13, 30] {
         let (here, there) = (scene.read_frame(first).unwrap(), scene.read_frame(first + 1).unwrap());
-        let ids_here = scene.read_ground_truth(first).unwrap().unwrap();
-        let ids_there = scene.read_ground_truth(first + 1).unwrap().unwrap();
+        let (ids_here, ids_there) = (truth(&scene, first), truth(&scene, first + 1));
         let (mut visible, mut same_id) = (0, 0);
         for row in 0..120 {
             for column in 0..160 {

@@ -1,11 +1,12 @@
 //! A room and a tour before and after a change: the same things are different in both, and they are clearly visible.
 
 use splatseg_dataset::{ChangeKind, Scene, SyntheticScene, Thing, TrueChange};
+use splatseg_test_scenes::room;
 use std::collections::BTreeMap;
 
 /// Returns the scene before and after.
 fn visits(text: &str) -> [SyntheticScene; 2] {
-    ["before", "after"].map(|visit| SyntheticScene::new(format!("{text},visit={visit}").parse().unwrap()).unwrap())
+    ["before", "after"].map(|visit| room(&format!("{text},visit={visit}")))
 }
 
 fn things(scene: &SyntheticScene) -> BTreeMap<u32, Thing> {
@@ -90,7 +91,7 @@ fn changes_depend_on_the_seed_only() {
     let [video, _] = visits("synthetic:seed=1,frames=700,speed=0.05,noise=kinect");
     assert_eq!(room.changes(), video.changes());
     assert_ne!(room.changes(), visits("synthetic:seed=2")[0].changes());
-    let plain = SyntheticScene::new("synthetic:seed=1".parse().unwrap()).unwrap();
+    let plain = splatseg_test_scenes::room("synthetic:seed=1");
     assert!(plain.changes().is_empty());
 }
 

@@ -3,17 +3,14 @@
 use glam::Vec2;
 use splatseg_dataset::{Layout, Motion, Scene, SyntheticScene};
 use splatseg_geometry::SegmentId;
+use splatseg_test_scenes::{room, truth};
 use std::collections::BTreeSet;
-
-fn scene(text: &str) -> SyntheticScene {
-    SyntheticScene::new(text.parse().unwrap()).unwrap()
-}
 
 /// Returns the fractions of a frame's pixels whose point is visible in another frame, and of these, of the pixels with
 /// the same id and colour there.
 fn agreement(scene: &SyntheticScene, first: usize, second: usize) -> (f32, f32) {
     let (here, there) = (scene.read_frame(first).unwrap(), scene.read_frame(second).unwrap());
-    let [ids_here, ids_there] = [first, second].map(|index| scene.read_ground_truth(index).unwrap().unwrap());
+    let [ids_here, ids_there] = [first, second].map(|index| truth(scene, index));
     let (width, height) = ids_here.size();
     let (mut visible, mut same) = (0, 0);
     for row in 0..height {
@@ -41,7 +38,7 @@ fn agreement(scene: &SyntheticScene, first: usize, second: usize) -> (f32, f32) 
 #[test]
 fn frames_agree_on_places_ids_and_colours() {
     for (layout, frames) in [("tour=4", 1800), ("tour=1", 600), ("corridor=6", 900)] {
-        let scene = scene(&format!("synthetic:frames={frames},seed=4,width=160,height=120,{layout}"));
+        let scene = room(&format!("synthetic:frames={frames},seed=4,width=160,height=120,{layout}"));
         for first in (0..frames - 8).step_by(frames / 9) {
             let (visible, same) = agreement(&scene, first, first + 8);
             assert!(visible > 0.7, "{layout}, frame {first}: {visible} is visible 8 frames later");
@@ -54,8 +51,8 @@ fn frames_agree_on_places_ids_and_colours() {
 #[test]
 fn rounds_are_equal_and_do_not_depend_on_the_number_of_frames() {
     for (layout, round) in [("tour=1", 600), ("tour=4", 1800)] {
-        let short = scene(&format!("synthetic:frames=30,seed=1,width=64,height=48,{layout}"));
-        let long = scene(&format!("synthetic:frames=4000,seed=1,width=64,height=48,{layout}"));
+        let short = room(&format!("synthetic:frames=30,seed=1,width=64,height=48,{layout}"));
+        let long = room(&format!("synthetic:frames=4000,seed=1,width=64,height=48,{layout}"));
         assert_eq!((short.frames_per_round(), long.frames_per_round()), (round, round));
         for index in [0, 29] {
             let (first, second) = (long.read_frame(index).unwrap(), long.read_frame(index + round).unwrap());
@@ -63,7 +60,7 @@ fn rounds_are_equal_and_do_not_depend_on_the_number_of_frames() {
             assert_eq!(first.world_from_camera(), second.world_from_camera());
             assert_eq!((first.color(), first.depth()), (second.color(), second.depth()));
         }
-        let slow = scene(&format!("synthetic:frames=4000,seed=1,width=64,height=48,{layout},speed=0.5"));
+        let slow = room(&format!("synthetic:frames=4000,seed=1,width=64,height=48,{layout},speed=0.5"));
         assert_eq!(slow.frames_per_round(), 2 * round);
         assert_eq!(slow.read_frame(58).unwrap().color(), long.read_frame(29).unwrap().color());
     }
@@ -73,7 +70,7 @@ fn rounds_are_equal_and_do_not_depend_on_the_number_of_frames() {
 fn every_view_shows_something_at_a_distance() {
     for (layout, frames) in [("tour=4", 1800), ("tour=1", 600), ("corridor=6", 1000)] {
         for seed in 0..3 {
-            let scene = scene(&format!("synthetic:frames={frames},seed={seed},width=48,height=36,{layout}"));
+            let scene = room(&format!("synthetic:frames={frames},seed={seed},width=48,height=36,{layout}"));
             for index in (0..frames).step_by(20) {
                 let mut depth = scene.read_frame(index).unwrap().depth().pixels().to_vec();
                 depth.sort_by(f32::total_cmp);
@@ -87,7 +84,7 @@ fn every_view_shows_something_at_a_distance() {
 
 #[test]
 fn all_rooms_and_most_things_are_seen_in_a_round() {
-    let scene = scene("synthetic:frames=1800,seed=3,width=64,height=48,tour=4");
+    let scene = room("synthetic:frames=1800,seed=3,width=64,height=48,tour=4");
     let ids = |index| scene.read_ground_truth(index).unwrap().unwrap().areas();
     let seen: BTreeSet<SegmentId> = (0..1800).step_by(15).flat_map(|index| ids(index).into_keys()).collect();
     assert!(!seen.contains(&0), "every pixel belongs to something");
@@ -105,7 +102,7 @@ fn all_rooms_and_most_things_are_seen_in_a_round() {
 fn things_slide_visibly_on_a_tour() {
     for layout in ["tour=1", "tour=4"] {
         for seed in 0..4 {
-            let scene = scene(&format!("synthetic:frames=2400,seed={seed},width=80,height=60,moving=2,{layout}"));
+            let scene = room(&format!("synthetic:frames=2400,seed={seed},width=80,height=60,moving=2,{layout}"));
             assert_eq!(scene.movers().len(), 2);
             for mover in scene.movers() {
                 let Motion::Slide { step, steps } = mover.motion else { panic!("{mover:?}") };
@@ -122,7 +119,7 @@ fn things_slide_visibly_on_a_tour() {
 
 #[test]
 fn a_corridor_is_walked_to_its_end() {
-    let scene = scene("synthetic:frames=3000,width=64,height=48,corridor=5");
+    let scene = room("synthetic:frames=3000,width=64,height=48,corridor=5");
     assert_eq!(scene.settings().layout, Layout::Corridor(5));
     let ids = |index: usize| scene.read_ground_truth(index).unwrap().unwrap();
     let seen: BTreeSet<SegmentId> =
@@ -131,6 +128,6 @@ fn a_corridor_is_walked_to_its_end() {
     let end = scene.frames_per_round() + 60;
     assert_eq!(scene.read_frame(end).unwrap().color(), scene.read_frame(2999).unwrap().color());
     assert_eq!(scene.things().len(), 2);
-    let moving = SyntheticScene::new("synthetic:corridor=5,objects=0".parse().unwrap()).unwrap();
+    let moving = room("synthetic:corridor=5,objects=0");
     assert!(moving.movers().is_empty());
 }

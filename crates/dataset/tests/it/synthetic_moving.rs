@@ -3,16 +3,13 @@
 use glam::{Vec2, Vec3};
 use splatseg_dataset::{Motion, Mover, Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::{RgbdFrame, SegmentMap};
+use splatseg_test_scenes::{room, truth};
 use std::collections::BTreeSet;
 
 const STILL: &str = "synthetic:frames=40,seed=1,width=160,height=120,moving=3,camera=static";
 
-fn room(text: &str) -> SyntheticScene {
-    SyntheticScene::new(text.parse().unwrap()).unwrap()
-}
-
 fn read(scene: &SyntheticScene, index: usize) -> (RgbdFrame<'static>, SegmentMap) {
-    (scene.read_frame(index).unwrap(), scene.read_ground_truth(index).unwrap().unwrap())
+    (scene.read_frame(index).unwrap(), truth(scene, index))
 }
 
 fn pixels_of(ids: &SegmentMap, id: u32) -> BTreeSet<(usize, usize)> {

@@ -5,9 +5,7 @@ use crate::support::mvpd::{FIRST, files, panoptic};
 use crate::support::recording::{jpeg_bytes, png_color_bytes, png_depth_bytes};
 use crate::support::sens::SensWriter;
 use crate::support::*;
-use splatseg_dataset::{
-    DatasetSettings, Format, FrameSource, FrameStream, GroundTruth, Scene, SyntheticScene, open_scene,
-};
+use splatseg_dataset::{DatasetSettings, Format, FrameSource, FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_geometry::RgbdFrame;
 use std::fs;
 use std::path::Path;
@@ -207,8 +205,7 @@ fn a_video_with_poses_for_some_of_its_images() {
 
 #[test]
 fn a_scene_with_all_poses_says_nothing_of_them() {
-    let scene: Arc<dyn Scene> =
-        Arc::new(SyntheticScene::new("synthetic:frames=2,width=64,height=48".parse().unwrap()).unwrap());
+    let scene: Arc<dyn Scene> = Arc::new(splatseg_test_scenes::room("synthetic:frames=2,width=64,height=48"));
     assert!(scene.has_poses() && scene.without_pose().is_empty());
     assert!(!described(scene).contains("pose"));
 }

@@ -3,10 +3,11 @@
 use glam::{Mat4, Vec3};
 use proptest::prelude::*;
 use splatseg_files::StateBlock;
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{
     GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory,
 };
+use splatseg_test_scenes::camera;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
@@ -40,7 +41,7 @@ fn frame(number: usize) -> (RgbdFrame<'static>, SegmentMap) {
     };
     let depth = Image::from_fn(WIDTH, HEIGHT, |column, row| if is_box(column, row) { 1.5 } else { 3.0 });
     let color = Image::from_fn(WIDTH, HEIGHT, |column, row| [column as u8 * 3, row as u8 * 5, number as u8]);
-    let intrinsics = Intrinsics { fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5, width: WIDTH, height: HEIGHT };
+    let intrinsics = camera(WIDTH, HEIGHT, 60.0);
     let pose = Pose::from_matrix((Mat4::from_translation(Vec3::X * 0.025 * number as f32)).as_dmat4()).unwrap();
     let predicted = SegmentMap::from_fn(WIDTH, HEIGHT, |column, row| match () {
         () if number % 5 == 3 => 0,

@@ -3,9 +3,10 @@
 use glam::DVec3;
 use splatseg_files::StateBlock;
 use splatseg_geometry::{
-    FrameAnchor, Image, Intrinsics, KeyframeId, MapCorrection, Pose, RemappedId, RgbdFrame, SegmentId, SegmentMap,
+    FrameAnchor, Intrinsics, KeyframeId, MapCorrection, Pose, RemappedId, RgbdFrame, SegmentId, SegmentMap,
 };
 use splatseg_memory::{Attached, MemorySettings, SplatMemory};
+use splatseg_test_scenes::wall;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
@@ -17,8 +18,7 @@ const AGAIN: KeyframeId = 20;
 
 /// A wall, two metres in front of the camera.
 fn frame(pose: Pose) -> RgbdFrame<'static> {
-    let (color, depth) = (Image::filled(SIZE.0, SIZE.1, [90; 3]), Image::filled(SIZE.0, SIZE.1, 2.0));
-    RgbdFrame::new("0", color, depth, CAMERA, pose).unwrap()
+    wall("0", CAMERA, 2.0, pose)
 }
 
 fn drift() -> Pose {

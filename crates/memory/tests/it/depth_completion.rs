@@ -3,6 +3,7 @@
 use glam::{DVec3, EulerRot, Mat4, Quat, Vec2, Vec3};
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, SegmentId, SegmentMap, SurfaceKind};
 use splatseg_memory::{MemorySettings, SplatFile, SplatMemory};
+use splatseg_test_scenes::grey_frame;
 use std::collections::BTreeSet;
 
 const CAMERA: Intrinsics = Intrinsics { fx: 260.0, fy: 260.0, cx: 159.5, cy: 119.5, width: 320, height: 240 };
@@ -39,8 +40,7 @@ fn view(pose: &Pose) -> (RgbdFrame<'static>, SegmentMap) {
 }
 
 fn frame(depth: Image<f32>, pose: Pose) -> RgbdFrame<'static> {
-    let color = Image::filled(depth.width(), depth.height(), [90; 3]);
-    RgbdFrame::new("0", color, depth, CAMERA, pose).unwrap()
+    grey_frame("0", CAMERA, depth, pose)
 }
 
 fn pose(position: Vec3, yaw: f32, pitch: f32) -> Pose {
@@ -295,8 +295,8 @@ fn results_do_not_depend_on_the_number_of_threads() {
 fn cameras_may_differ_in_size() {
     let mut memory = memory(1);
     let mut look = |width: usize, height: usize| {
-        let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, 0.0));
-        let frame = RgbdFrame::new("0", color, depth, CAMERA.resized(width, height), Pose::IDENTITY).unwrap();
+        let depth = Image::filled(width, height, 0.0);
+        let frame = grey_frame("0", CAMERA.resized(width, height), depth, Pose::IDENTITY);
         let predicted = SegmentMap::from_fn(width, height, |column, _| u32::from(2 * column < width));
         let recall = memory.recall(&frame);
         let found = recall.expected().segments.mask_of(1).iou(&predicted.mask_of(1));

@@ -1,13 +1,14 @@
 //! A kind of memory defined outside the crate: it remembers the last id that each Gaussian was predicted as.
 
 use glam::{Mat4, Vec3};
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
     LearningExtent, LoadMemoryError, MemoryError, MemoryKind, MemoryKindDefinition, MemoryRules, MemorySettings,
     NewGaussian, Recall, RegisterKindError, SegmentStore, SplatContent, SplatContentView, SplatFileError, SplatMemory,
     StoreTile, TileSurface, Votes, register_memory_kind,
 };
 use splatseg_render::{Splats, TileWeights};
+use splatseg_test_scenes::{camera, wall};
 use std::collections::BTreeSet;
 
 /// Last id of each Gaussian, as its only vote. New ids beyond `max_ids` are refused.
@@ -125,11 +126,8 @@ const SIZE: (usize, usize) = (64, 48);
 
 /// A wall 2 m ahead, seen by a camera that stands `x` metres to the right of the origin.
 fn frame(x: f32) -> RgbdFrame<'static> {
-    let (width, height) = SIZE;
-    let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 31.5, cy: 23.5, width, height };
     let pose = Pose::from_matrix(Mat4::from_translation(Vec3::new(x, 0.0, 0.0)).as_dmat4()).unwrap();
-    RgbdFrame::new("wall", Image::filled(width, height, [90; 3]), Image::filled(width, height, 2.0), camera, pose)
-        .unwrap()
+    wall("wall", camera(SIZE.0, SIZE.1, 40.0), 2.0, pose)
 }
 
 fn halves(left: SegmentId, right: SegmentId) -> SegmentMap {

@@ -1,28 +1,11 @@
 //! Finding tensors that checkpoints lack for their networks.
 
+use crate::sam2_golden::own_or_shared;
 use safetensors::SafeTensors;
 use safetensors::tensor::TensorView;
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::completeness::{Missing, missing_tensors};
-use std::path::{Path, PathBuf};
-
-/// Path of a file in `tests/data` (without the `golden/` of `../shared`) or in `../shared`. `None`, reported on a line
-/// of its own, if `../shared` is missing.
-fn shared(path: &str, test: &str) -> Option<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let own = root.join("tests/data").join(path.trim_start_matches("golden/"));
-    if own.is_file() {
-        return Some(own);
-    }
-    let folder = root.join("../../../shared");
-    if !folder.exists() {
-        // Not `println!`: the test runner hides the output of passing tests.
-        let line = format!("\nskipped: {test}: ../shared is not here\n");
-        let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
-        return None;
-    }
-    Some(folder.join(path))
-}
+use std::path::Path;
 
 fn open(path: &Path) -> Checkpoint {
     Checkpoint::open(path).unwrap()
@@ -32,7 +15,7 @@ fn open(path: &Path) -> Checkpoint {
 fn whole_checkpoints_lack_nothing() {
     for path in ["golden/fastsam/fastsam_mini.pt", "golden/fastsam/fastsam_mini_v80120.pt", "golden/sam2/sam2_mini.pt"]
     {
-        let Some(path) = shared(path, "whole_checkpoints_lack_nothing") else { return };
+        let Some(path) = own_or_shared(path, "whole_checkpoints_lack_nothing") else { return };
         assert_eq!(missing_tensors(&open(&path)), Some(Vec::new()), "{}", path.display());
     }
 }
@@ -63,7 +46,7 @@ fn missing_and_misshapen_tensors_are_all_named() {
         ("golden/sam2/sam2_mini.pt", "no_obj_embed_spatial", "memory_encoder.out_proj.bias"),
     ];
     for (file, absent, misshapen) in cases {
-        let Some(path) = shared(file, "missing_and_misshapen_tensors_are_all_named") else { return };
+        let Some(path) = own_or_shared(file, "missing_and_misshapen_tensors_are_all_named") else { return };
         let expected = |name: &str| open(&path).info(name).unwrap().shape().to_vec();
         let mut missing = missing_tensors(&open(crippled(&path, absent, misshapen).path())).unwrap();
         missing.sort_by(|a, b| a.name.cmp(&b.name));

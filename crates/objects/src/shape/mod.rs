@@ -1,4 +1,7 @@
 //! The shape of an object in the world, from the Gaussians that show it.
+//!
+//! `patches.rs` treats Gaussians as patches of surface, `disputed.rs` and `stray.rs` leave out those that do not belong
+//! to the object, and `oriented_box.rs` and `surface_area.rs` measure the rest.
 
 mod disputed;
 mod oriented_box;

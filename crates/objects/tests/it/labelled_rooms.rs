@@ -8,8 +8,8 @@ use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
 use splatseg_geometry::{RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_objects::{AxisAlignedBox, ObjectShape, object_shapes};
+use splatseg_test_scenes::shared;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
 
 /// Objects with fewer points or frames are not compared: labels are off by some pixels.
 const MIN_POINTS: usize = 500;
@@ -69,13 +69,7 @@ struct Labelled {
 
 /// Returns a recording at 320×240 pixels, or prints that `test` was skipped and returns `None`.
 fn learnt(test: &str, part: &str) -> Option<Labelled> {
-    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")).join(part);
-    if !path.exists() {
-        // Not `println!`, because the test runner hides its output for passing tests.
-        let line = format!("\nskipped: {test}: ../shared is not here\n");
-        let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
-        return None;
-    }
+    let path = shared(&format!("data/{part}"), test)?;
     let scene = open_scene(path, &DatasetSettings::default()).unwrap();
     let small = DatasetSettings::default().with(|settings| settings.resize = "320x240".parse().ok());
     let streamed: Vec<_> =

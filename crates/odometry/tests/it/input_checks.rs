@@ -1,17 +1,18 @@
 //! Input that contradicts what the frames show is told, and right input is not.
 
 use crate::scene::{corner, render};
-use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, Scene, SyntheticScene, open_scene};
+use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_geometry::{CameraAxes, CameraFrame, Image, Intrinsics, Pose, PoseFormat};
 use splatseg_odometry::{DoubtKind, InputDoubt, PoseInput, PoseMode, PoseSource, TrackedPoses};
-use std::path::{Path, PathBuf};
+use splatseg_test_scenes::{room, shared};
+use std::path::Path;
 
 /// A frame with its true pose.
 type Posed = (CameraFrame<'static>, Pose);
 
 /// Frames of the synthetic room at the speed of a hand-held camera.
-fn room(frames: usize) -> Vec<Posed> {
-    let scene = SyntheticScene::new(format!("synthetic:frames={frames},seed=2,speed=0.15").parse().unwrap()).unwrap();
+fn room_frames(frames: usize) -> Vec<Posed> {
+    let scene = room(&format!("synthetic:frames={frames},seed=2,speed=0.15"));
     let frame = |index| {
         let frame = scene.read_frame(index).unwrap();
         let pose = *frame.world_from_camera();
@@ -71,12 +72,12 @@ fn with_depth_of(frames: &[Posed], change: impl Fn(usize, &Image<f32>) -> Image<
 
 #[test]
 fn right_input_is_not_doubted() {
-    assert_eq!(doubts(&room(80)), []);
+    assert_eq!(doubts(&room_frames(80)), []);
 }
 
 #[test]
 fn every_convention_is_recognised() {
-    let frames = room(60);
+    let frames = room_frames(60);
     for (is_inverse, axes, w_first) in [
         (true, CameraAxes::Optical, false),
         (false, CameraAxes::OpenGl, false),
@@ -102,7 +103,7 @@ fn every_convention_is_recognised() {
 #[test]
 fn a_wrong_setting_is_told_like_a_wrong_recording() {
     let format = PoseFormat { axes: CameraAxes::OpenGl, ..PoseFormat::default() };
-    let read: Vec<Posed> = room(60).iter().map(|(frame, pose)| (frame.clone(), format.pose(pose))).collect();
+    let read: Vec<Posed> = room_frames(60).iter().map(|(frame, pose)| (frame.clone(), format.pose(pose))).collect();
     let doubts = doubts_with(&read, TrackedPoses::new(PoseMode::Auto).with_pose_format(format));
     assert!(doubts[0].text.contains("dataset.pose_convention = camera-to-world"), "{doubts:?}");
 }
@@ -127,21 +128,21 @@ fn units_of_positions_and_depth_are_told_apart() {
 
 #[test]
 fn poses_that_stand_still_or_are_another_path_are_told() {
-    let frames = room(80);
+    let frames = room_frames(80);
     let still: Vec<Posed> = frames.iter().map(|(frame, _)| (frame.clone(), Pose::IDENTITY)).collect();
     assert!(doubt(&still, DoubtKind::Poses).contains("stand still"));
 }
 
 #[test]
 fn a_camera_that_stands_still_says_nothing() {
-    let (frame, pose) = room(1).remove(0);
+    let (frame, pose) = room_frames(1).remove(0);
     let still: Vec<Posed> = (0..40).map(|_| (frame.clone(), pose)).collect();
     assert_eq!(doubts(&stated(&still, PoseFormat { is_inverse: true, ..PoseFormat::default() })), []);
 }
 
 #[test]
 fn depth_in_another_place_is_told() {
-    let frames = room(30);
+    let frames = room_frames(30);
     let shifted = with_depth_of(&frames, |_, depth| {
         Image::from_fn(depth.width(), depth.height(), |column, row| {
             column.checked_sub(depth.width() / 40).map_or(0.0, |from| depth[(from, row)])
@@ -162,7 +163,7 @@ fn depth_in_another_place_is_told() {
 
 #[test]
 fn late_depth_is_told_with_its_delay() {
-    let frames = room(50);
+    let frames = room_frames(50);
     for late in [1, 2, 3] {
         let depths: Vec<Image<f32>> = frames.iter().map(|(frame, _)| frame.depth().clone().into_owned()).collect();
         let delayed = with_depth_of(&frames, |index, _| depths[index.saturating_sub(late)].clone());
@@ -195,16 +196,6 @@ fn odd_frames_do_not_panic() {
     }
 }
 
-/// A folder of the shared data, if it is here.
-fn shared(name: &str, test: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data").join(name);
-    if !path.exists() {
-        println!("skipped: {test}: {} is not there", path.display());
-        return None;
-    }
-    Some(path)
-}
-
 fn recorded(path: &Path, frames: usize, stride: usize) -> Vec<Posed> {
     let settings = DatasetSettings::default().with(|settings| {
         settings.max_frames = Some(frames);
@@ -218,14 +209,14 @@ fn recorded(path: &Path, frames: usize, stride: usize) -> Vec<Posed> {
 #[test]
 fn recordings_with_right_input_are_not_doubted() {
     for name in ["kitchen-dev", "redkitchen_dense", "rooms/dev-a", "rooms/dev-b", "hololens-dev", "tum-rpy-dev"] {
-        let Some(path) = shared(name, "recordings_with_right_input_are_not_doubted") else { return };
+        let Some(path) = shared(&format!("data/{name}"), "recordings_with_right_input_are_not_doubted") else { return };
         assert_eq!(doubts(&recorded(&path, 40, 1)), [], "{name}");
     }
 }
 
 #[test]
 fn conventions_of_a_recording_are_recognised() {
-    let Some(path) = shared("redkitchen_dense", "conventions_of_a_recording_are_recognised") else { return };
+    let Some(path) = shared("data/redkitchen_dense", "conventions_of_a_recording_are_recognised") else { return };
     let frames = recorded(&path, 24, 6);
     for format in [
         PoseFormat { is_inverse: true, ..PoseFormat::default() },

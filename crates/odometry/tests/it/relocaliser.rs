@@ -3,7 +3,7 @@
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
 use splatseg_geometry::{CameraFrame, Image, Pose};
 use splatseg_odometry::{PoseInput, PoseMode, PoseSource, Relocaliser, StateScope, TrackedPoses};
-use std::path::Path;
+use splatseg_test_scenes::shared;
 
 /// Frames of a scene with their true poses.
 fn frames(scene: &str, settings: &DatasetSettings) -> Vec<(CameraFrame<'static>, Pose)> {
@@ -56,12 +56,8 @@ fn frames_of_another_path_are_found_and_those_of_another_room_are_not() {
 
 #[test]
 fn later_frames_of_a_kitchen_are_found() {
-    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let (dense, sparse) = (data.join("redkitchen_dense"), data.join("redkitchen"));
-    if !dense.is_dir() || !sparse.is_dir() {
-        println!("skipped: {} is not there", dense.display());
-        return;
-    }
+    let kitchen = |name: &str| shared(&format!("data/{name}"), "later_frames_of_a_kitchen_are_found");
+    let (Some(dense), Some(sparse)) = (kitchen("redkitchen_dense"), kitchen("redkitchen")) else { return };
     let mut settings = DatasetSettings::default();
     settings.resize = Some("320x240".parse().unwrap());
     // Every second frame saves time.

@@ -1,12 +1,12 @@
 //! The synthetic room at the speed of a hand-held camera, against its exact poses.
 
-use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
+use splatseg_dataset::Scene;
 use splatseg_odometry::{Odometry, PoseState};
+use splatseg_test_scenes::room;
 
 /// Largest distance from the true position, metres, over a room that `text` describes.
 fn largest_error(text: &str) -> f64 {
-    let settings: SyntheticSettings = text.parse().unwrap();
-    let scene = SyntheticScene::new(settings).unwrap();
+    let scene = room(text);
     let mut odometry = Odometry::new();
     let mut largest = 0.0f64;
     let first = *scene.read_frame(0).unwrap().world_from_camera();

@@ -9,6 +9,10 @@
 //! | `viewer/viewer.js` | its script, with three.js |
 //! | `viewer/run.js` | cameras, objects and map: [`data::RunData`] as JSON |
 //! | `viewer/frames-000.js` … | ids of the pixels ([`ids`]) of 64 frames each, loaded on demand |
+//!
+//! `viewer/viewer.min.js` has three.js and the sources in `viewer/src/`. It is committed, so that neither building nor
+//! running splatseg needs npm; `tools/build_viewer.sh` bundles it, and `tools/build_viewer.sh --check` compares it with
+//! its sources.
 
 mod changes;
 mod data;

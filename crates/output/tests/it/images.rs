@@ -2,14 +2,8 @@
 
 use splatseg_geometry::Image;
 use splatseg_output::{OutputError, write_atomically, write_overlay_jpeg};
+use splatseg_test_scenes::file_names;
 use std::fs;
-
-fn names(folder: &std::path::Path) -> Vec<String> {
-    let mut names: Vec<String> =
-        fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
-}
 
 #[test]
 fn failed_writes_leave_nothing_behind() {
@@ -21,12 +15,12 @@ fn failed_writes_leave_nothing_behind() {
     let taken = folder.path().join("taken");
     fs::create_dir_all(taken.join("full")).unwrap();
     assert!(write_atomically(&taken, b"new").is_err());
-    assert_eq!(names(folder.path()), ["taken"]);
+    assert_eq!(file_names(folder.path()), ["taken"]);
     let path = folder.path().join("a.txt");
     write_atomically(&path, b"old").unwrap();
     write_atomically(&path, b"new").unwrap();
     assert_eq!(fs::read(&path).unwrap(), b"new");
-    assert_eq!(names(folder.path()), ["a.txt", "taken"]);
+    assert_eq!(file_names(folder.path()), ["a.txt", "taken"]);
 }
 
 #[cfg(target_os = "linux")]

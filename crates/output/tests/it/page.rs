@@ -5,10 +5,11 @@ use base64::engine::general_purpose::STANDARD;
 use glam::DVec3;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-use splatseg_geometry::{FrameAnchor, Image, Intrinsics, Pose, RgbdFrame};
+use splatseg_geometry::{FrameAnchor, Image, Intrinsics, Pose};
 use splatseg_objects::{ObjectList, ObjectLog, RemapLog};
 use splatseg_odometry::PoseState;
 use splatseg_output::{FrameRecord, OutputError, Page, ResultFolder, RunEnd, RunOutput, segment_color};
+use splatseg_test_scenes::wall;
 use splatseg_tracking::FrameOutput;
 use std::collections::BTreeMap;
 use std::fs;
@@ -43,7 +44,7 @@ fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
         let segments = Image::from_fn(4, 3, |column, _| if column == 0 && number % 3 == 0 { 9 } else { 7 });
         let camera = Intrinsics { fx: if number < 2 { 3.0 } else { 4.0 }, ..CAMERA };
         let pose = Pose::from_translation(DVec3::new(number as f64, 0.5, 0.0));
-        let frame = RgbdFrame::new("0", Image::filled(4, 3, [0; 3]), Image::filled(4, 3, 1.0), camera, pose).unwrap();
+        let frame = wall("0", camera, 1.0, pose);
         let objects = log.record(&FrameOutput::from_segments(segments.clone()));
         let record = FrameRecord {
             number,

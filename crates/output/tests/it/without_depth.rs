@@ -1,22 +1,21 @@
 //! What is shown of a segment without depth and without any surface near it: a window at night, or the sky.
 
 use glam::DVec3;
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{Image, Pose, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_objects::object_shapes;
 use splatseg_output::map_data;
 use splatseg_output::ros_messages::PointBytes;
 use splatseg_ros::Time;
+use splatseg_test_scenes::{camera, grey_frame};
 use std::collections::BTreeSet;
-
-const CAMERA: Intrinsics = Intrinsics { fx: 60.0, fy: 60.0, cx: 31.5, cy: 23.5, width: 64, height: 48 };
 
 /// A wall at 2 m on the left, id 1; nothing on the right, id 2, with a gap between them.
 fn memory() -> SplatMemory {
     let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
     (0..2).for_each(|_| _ = memory.new_segment().unwrap());
     let depth = Image::from_fn(64, 48, |column, _| if column < 24 { 2.0 } else { 0.0 });
-    let frame = RgbdFrame::new("0", Image::filled(64, 48, [90; 3]), depth, CAMERA, Pose::IDENTITY).unwrap();
+    let frame = grey_frame("0", camera(64, 48, 60.0), depth, Pose::IDENTITY);
     let predicted = SegmentMap::from_fn(64, 48, |column, _| match column {
         0..24 => 1,
         24..40 => 0,

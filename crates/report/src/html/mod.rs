@@ -1,4 +1,8 @@
 //! `report.html` and `paper.html`: single pages that need only a browser: no network and no other file.
+//!
+//! The size of a page does not grow with the benchmark: `selection.rs` limits the scenes, variants and frames with
+//! pictures, `charts.rs` the dots. So its pictures and curves are read only when the page is written, for the selected
+//! scenes.
 
 mod ablations;
 mod axes;

@@ -2,9 +2,10 @@
 //! same object as the pixels at some offsets.
 //!
 //! Each stage halves the image with a 3×3 convolution of stride 2, at the places of a [`Grid`], followed by residual
-//! blocks. The last stage's mean, after a 1×1 convolution, is added to its output. The path up doubles each level, adds it to the next finer one, and
-//! ends with a 1×1 convolution. The weights determine the widths and the numbers of stages and blocks. Batch norms are
-//! folded into the convolutions.
+//! blocks. The last stage's mean, after a 1×1 convolution, is added to its output. The path up doubles each level by
+//! exactly 2 and cuts the surplus of odd sizes, as resizing to an odd size would stretch the map. It adds the level to
+//! the next finer one, and ends with a 1×1 convolution. The weights determine the widths and the numbers of stages and
+//! blocks. Batch norms are folded into the convolutions.
 
 use super::device_network::DeviceNetwork;
 use super::grid::Grid;

@@ -1,15 +1,13 @@
 //! The affinity segmenter on synthetic frames.
 
 use glam::Vec3;
-use splatseg_geometry::{Image, Intrinsics, Pose, RgbdFrame, ScoredMask};
+use splatseg_geometry::{Image, Pose, RgbdFrame, ScoredMask};
 use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, Segmenter, SegmenterError};
+use splatseg_test_scenes::camera;
 
 fn frame(color: Image<[u8; 3]>, depth: Image<f32>) -> RgbdFrame<'static> {
     let (width, height) = color.size();
-    let focal = 0.9 * width as f32;
-    let (cx, cy) = ((width as f32 - 1.0) / 2.0, (height as f32 - 1.0) / 2.0);
-    RgbdFrame::new("0", color, depth, Intrinsics { fx: focal, fy: focal, cx, cy, width, height }, Pose::IDENTITY)
-        .unwrap()
+    RgbdFrame::new("0", color, depth, camera(width, height, 0.9 * width as f32), Pose::IDENTITY).unwrap()
 }
 
 fn segment(frame: &RgbdFrame, settings: AffinitySettings) -> Vec<ScoredMask> {

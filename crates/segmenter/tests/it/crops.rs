@@ -1,12 +1,10 @@
 //! The affinity segmenter on frames whose border is cropped: the masks of what remains do not change.
 
-use splatseg_dataset::{
-    DatasetSettings, FrameStream, GroundTruth, Scene, SyntheticScene, SyntheticSettings, open_scene,
-};
+use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_geometry::{CameraFrame, Candidate, Image, Ratio, best_assignment};
 use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, Segmenter};
+use splatseg_test_scenes::{room, shared};
 use std::collections::BTreeMap;
-use std::path::Path;
 
 /// Most pixels cropped. The interior without them is common to all crops.
 const MOST: usize = 8;
@@ -79,28 +77,21 @@ fn check(ious: &[Vec<f64>], least: f64, what: &str) -> Vec<f64> {
 #[test]
 fn masks_of_a_synthetic_frame_stay_when_it_is_cropped() {
     let frames = [0, 1, 2].map(|seed| {
-        let text = format!("synthetic:frames=40,seed={seed},width=320,height=240,noise=kinect");
-        let settings: SyntheticSettings = text.parse().unwrap();
-        SyntheticScene::new(settings).unwrap().read_frame(13 * seed).unwrap().into_camera_frame()
+        let scene = room(&format!("synthetic:frames=40,seed={seed},width=320,height=240,noise=kinect"));
+        scene.read_frame(13 * seed).unwrap().into_camera_frame()
     });
     check(&ious_by_crop(&frames), 0.95, "synthetic");
 }
 
 #[test]
 fn masks_of_other_frames_stay_when_they_are_cropped() {
-    let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data"));
+    let test = "masks_of_other_frames_stay_when_they_are_cropped";
     let mut all: Vec<Vec<f64>> = vec![Vec::new(); MOST];
     // Where depth has holes up to the border, a crop takes away what they are filled from.
     let scenes =
         [("rooms/dev-a", 20, 0.95), ("mosd-learn", 12, 0.9), ("kitchen-dev", 12, 0.85), ("hololens-dev", 25, 0.85)];
     for (name, stride, least) in scenes {
-        let scene = data.join(name);
-        if !scene.is_dir() {
-            // Not `println!`: the test runner hides the output of tests that pass.
-            let line = format!("\nskipped: masks_of_other_frames_stay_when_they_are_cropped: no {}\n", scene.display());
-            let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
-            return;
-        }
+        let Some(scene) = shared(&format!("data/{name}"), test) else { return };
         let settings = DatasetSettings::default().with(|settings| {
             settings.stride = stride;
             settings.resize = (name != "hololens-dev").then(|| "320x240".parse().unwrap());

@@ -5,14 +5,13 @@ use proptest::prelude::*;
 use splatseg_dataset::read_color_image;
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentMap};
 use splatseg_segmenter::{GraphSegmenter, GraphSettings, Segmenter, SegmenterError};
-use std::path::Path;
+use splatseg_test_scenes::shared;
 
 const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
 
 fn camera(width: usize, height: usize) -> Intrinsics {
-    let focal = 0.9 * width as f32;
-    Intrinsics { fx: focal, fy: focal, cx: (width as f32 - 1.0) / 2.0, cy: (height as f32 - 1.0) / 2.0, width, height }
+    splatseg_test_scenes::camera(width, height, 0.9 * width as f32)
 }
 
 fn frame(color: Image<[u8; 3]>, depth: Image<f32>) -> RgbdFrame<'static> {
@@ -203,15 +202,8 @@ proptest! {
 /// Regression test of the quality, on the rendered room of the shared data.
 #[test]
 fn most_objects_of_a_rendered_room_are_found() {
-    let scene = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data/rooms/dev-a"));
-    if !scene.is_dir() {
-        // Not `println!`: the test runner hides the output of tests that pass.
-        let _ = std::io::Write::write_all(
-            &mut std::io::stderr(),
-            b"\nskipped: most_objects_of_a_rendered_room_are_found: ../shared is not here\n",
-        );
-        return;
-    }
+    let test = "most_objects_of_a_rendered_room_are_found";
+    let Some(scene) = shared("data/rooms/dev-a", test) else { return };
     let (mut best_sum, mut objects) = (0.0, 0.0);
     for index in (0..80).step_by(10) {
         let color = read_color_image(&scene.join(format!("color/{index}.jpg"))).unwrap();

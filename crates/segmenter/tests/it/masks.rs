@@ -3,15 +3,14 @@
 use image::{ImageBuffer, Luma, Rgb, Rgba};
 use proptest::prelude::*;
 use splatseg_dataset::{Framing, ImageSize};
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, RunLengths, ScoredMask, SegmentMap};
+use splatseg_geometry::{Mask, Pose, RgbdFrame, RunLengths, ScoredMask, SegmentMap};
 use splatseg_segmenter::{MaskFolder, Segmenter, SegmenterError};
+use splatseg_test_scenes::{camera, wall};
 use std::path::Path;
 use tempfile::TempDir;
 
 fn frame(name: &str, width: usize, height: usize) -> RgbdFrame<'static> {
-    let camera = Intrinsics { fx: 10.0, fy: 10.0, cx: 1.0, cy: 1.0, width, height };
-    let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, 1.0));
-    RgbdFrame::new(name, color, depth, camera, Pose::IDENTITY).unwrap()
+    wall(name, camera(width, height, 10.0), 1.0, Pose::IDENTITY)
 }
 
 /// A folder with one file `7.<extension>`.

@@ -2,25 +2,16 @@
 
 use splatseg_dataset::{
     DatasetError, DatasetSettings, FrameStream, Framing, GroundTruth, RecordedFrame, Scene, SyntheticScene,
-    SyntheticSettings,
 };
-use splatseg_geometry::{CameraFrame, Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentMap};
+use splatseg_geometry::{CameraFrame, Image, Mask, Pose, RgbdFrame, ScoredMask, SegmentMap};
 use splatseg_segmenter::Segmenter;
 use splatseg_simulators::{OraclePreset, OracleSegmenter, OracleSettings, SceneGroundTruth};
+use splatseg_test_scenes::{camera, room, wall};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 fn frame(name: &str, size: (usize, usize)) -> RgbdFrame<'static> {
-    let (width, height) = size;
-    let camera = Intrinsics { fx: 10.0, fy: 10.0, cx: 1.0, cy: 1.0, width, height };
-    RgbdFrame::new(
-        name,
-        Image::filled(width, height, [0; 3]),
-        Image::filled(width, height, 1.0),
-        camera,
-        Pose::IDENTITY,
-    )
-    .unwrap()
+    wall(name, camera(size.0, size.1, 10.0), 1.0, Pose::IDENTITY)
 }
 
 /// The oracle's masks of `frames` frames with the same `truth`.
@@ -59,9 +50,8 @@ fn assert_rate(count: usize, trials: usize, rate: f64) {
     assert!((count as f64 - mean).abs() < bound, "{count} of {trials}, expected {mean:.0} ± {bound:.0}");
 }
 
-fn room(frames: usize) -> Arc<SyntheticScene> {
-    let settings = SyntheticSettings { width: 96, height: 72, frames, ..SyntheticSettings::default() };
-    Arc::new(SyntheticScene::new(settings).unwrap())
+fn small_room(frames: usize) -> Arc<SyntheticScene> {
+    Arc::new(room(&format!("synthetic:width=96,height=72,frames={frames}")))
 }
 
 #[test]
@@ -75,7 +65,7 @@ fn without_errors_the_masks_are_the_truth_after_any_resizing_and_cropping() {
             settings.stride = stride;
             settings.start = 1;
         });
-        let scene = room(8);
+        let scene = small_room(8);
         let truth = SceneGroundTruth::new(scene.clone(), dataset.framing()).unwrap();
         let mut oracle = OracleSegmenter::new(truth, &OracleSettings::default(), 3).unwrap();
         let mut count = 0;
@@ -121,7 +111,7 @@ fn missing_ground_truth_and_wrong_sizes_are_reported() {
     let error = SceneGroundTruth::new(Arc::new(Unlabelled), Framing::default()).unwrap_err();
     assert!(error.to_string().starts_with("attic has no ground truth, as required by the oracle segmenter"), "{error}");
 
-    let truth = SceneGroundTruth::new(room(2), Framing::default()).unwrap();
+    let truth = SceneGroundTruth::new(small_room(2), Framing::default()).unwrap();
     let mut oracle = OracleSegmenter::new(truth, &OracleSettings::default(), 0).unwrap();
     let error = oracle.segment(&frame("frame-000002", (96, 72))).unwrap_err();
     assert!(error.to_string().contains("no ground truth for frame frame-000002"), "{error}");
@@ -277,7 +267,7 @@ fn small_objects_are_not_found() {
 #[test]
 fn masks_do_not_depend_on_the_order_of_frames_or_on_threads() {
     let settings = OracleSettings::default().with(|settings| settings.preset = OraclePreset::FastsamLike);
-    let scene = room(6);
+    let scene = small_room(6);
     let frames: Vec<RgbdFrame<'static>> = (0..6).map(|index| scene.read_frame(index).unwrap()).collect();
     let run = |order: &[usize], threads: usize, seed: u64| {
         let truth = SceneGroundTruth::new(scene.clone(), Framing::default()).unwrap();

@@ -1,16 +1,14 @@
 //! The simulated tracker: its responses to prompts, and its errors.
 
-use splatseg_geometry::{CameraFrame, Click, Image, Intrinsics, Mask, Pose, Prompt, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{CameraFrame, Click, Mask, Pose, Prompt, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_simulators::{SimTracker, SimTrackerSettings};
+use splatseg_test_scenes::{camera, wall};
 use splatseg_tracking::{Tracker, TrackerError};
 
 const SIZE: (usize, usize) = (60, 10);
 
 fn frame(index: usize) -> RgbdFrame<'static> {
-    let (width, height) = SIZE;
-    let camera = Intrinsics { fx: 10.0, fy: 10.0, cx: 1.0, cy: 1.0, width, height };
-    let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, 1.0));
-    RgbdFrame::new(index.to_string(), color, depth, camera, Pose::IDENTITY).unwrap()
+    wall(index.to_string(), camera(SIZE.0, SIZE.1, 10.0), 1.0, Pose::IDENTITY)
 }
 
 /// Objects 1 to 4 in stripes of ten columns, then nothing; object 4 is absent in frames 3 to 5.

@@ -1,7 +1,7 @@
 //! Test of the report on the paper's data sets with three seeds, with stand-ins for results.
 //!
 //! By default, with a twentieth of the scenes. With all of them, and peak memory and file sizes on standard error:
-//! `SPLATSEG_FULL_SCALE=1 cargo test -p splatseg --lib full_scale -- --nocapture`
+//! `SPLATSEG_FULL_SCALE=1 cargo test -p splatseg-cli --lib full_scale -- --nocapture`
 
 use super::input_files::InputHashes;
 use super::job::{JobInputs, JobResult};

@@ -6,6 +6,7 @@ use crate::support::{Ended, finish, read_json, splatseg, stoppable_splatseg};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::record::RowAccessor;
 use serde_json::Value;
+use splatseg_test_scenes::file_contents;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -30,19 +31,9 @@ fn batch(scenes: &[String], out: &Path, more: &[&str]) -> Ended {
 
 /// Returns the result files of all scenes, except files that contain times.
 fn result_files(out: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    let mut found = BTreeMap::new();
-    let mut folders = vec![out.join("scenes")];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if !["summary.json", "manifest.jsonl"].iter().any(|name| path.ends_with(name)) {
-                found.insert(path.strip_prefix(out).unwrap().to_owned(), fs::read(&path).unwrap());
-            }
-        }
-    }
-    found
+    let has_times = |path: &Path| ["summary.json", "manifest.jsonl"].iter().any(|name| path.ends_with(name));
+    let files = file_contents(&out.join("scenes")).into_iter().filter(|(path, _)| !has_times(path));
+    files.map(|(path, bytes)| (Path::new("scenes").join(path), bytes)).collect()
 }
 
 /// Returns scene, frames and STQ of each row.

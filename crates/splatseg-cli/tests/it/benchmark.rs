@@ -1,7 +1,8 @@
 //! `splatseg bench`: results are complete, resumable, and independent of the number of jobs.
 
-use crate::support::{FEATURES, OTHER_ROOM, ROOM, bench, finish, read_json, splatseg};
+use crate::support::{CLIP_PARTS, FEATURES, OTHER_ROOM, ROOM, bench, finish, read_json, splatseg};
 use serde_json::Value;
+use splatseg_test_scenes::copy_demo_clip;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -200,23 +201,11 @@ fn folders_with_other_files_are_left_alone() {
 
 /// Copies the first frames of the demo's scene with their ground truth, and writes masks for them.
 fn copied_scene(folder: &Path) -> (PathBuf, PathBuf) {
-    let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("demo");
     let (scene, masks) = (folder.join("scene"), folder.join("masks"));
-    for part in ["color", "depth", "pose", "intrinsic", "instance-filt"] {
-        copy_frames(&demo.join(part), &scene.join(part));
-    }
-    copy_frames(&demo.join("instance-filt"), &masks);
+    copy_demo_clip(&[&CLIP_PARTS[..], &["instance-filt"]].concat(), 3, &scene);
+    copy_demo_clip(&["instance-filt"], 3, folder);
+    fs::rename(folder.join("instance-filt"), &masks).unwrap();
     (scene, masks)
-}
-
-fn copy_frames(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap().map(Result::unwrap) {
-        let number: Option<usize> = entry.path().file_stem().unwrap().to_str().unwrap().parse().ok();
-        if number.is_none_or(|number| number < 3) {
-            fs::copy(entry.path(), to.join(entry.file_name())).unwrap();
-        }
-    }
 }
 
 /// Changes the last byte of a file, but neither its size nor its modification time.

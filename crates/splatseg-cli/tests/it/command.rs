@@ -1,34 +1,21 @@
 //! The command as users see it: results, exit codes, and a one-line error for each kind of bad input.
 
-use crate::support::{file_names, result_files, splatseg};
+use crate::support::{CLIP_PARTS, file_names, result_files, splatseg};
 use assert_cmd::Command;
-use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
+use splatseg_dataset::Scene;
+use splatseg_test_scenes::{copy_demo_clip, demo_clip, room};
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 const ROOM: &str = "synthetic:frames=4,width=96,height=72,objects=8";
 
 /// The paper's memory, with a small codebook for speed.
 const FEATURES: [&str; 4] = ["--set", "memory.kind=features", "--set", "memory.num_codes=64"];
 
-/// The demo's clip, a scene in ScanNet's exported layout.
-fn demo_scene() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("demo")
-}
-
 /// Copies the first frames of the demo's scene, for tests that damage them.
 fn copied_scene(frames: usize) -> tempfile::TempDir {
     let copy = tempfile::tempdir().unwrap();
-    for folder in ["color", "depth", "pose", "intrinsic"] {
-        fs::create_dir(copy.path().join(folder)).unwrap();
-        for entry in fs::read_dir(demo_scene().join(folder)).unwrap() {
-            let path = entry.unwrap().path();
-            let number: Option<usize> = path.file_stem().unwrap().to_str().unwrap().parse().ok();
-            if number.is_none_or(|number| number < frames) {
-                fs::copy(&path, copy.path().join(folder).join(path.file_name().unwrap())).unwrap();
-            }
-        }
-    }
+    copy_demo_clip(&CLIP_PARTS, frames, copy.path());
     copy
 }
 
@@ -95,7 +82,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
     let result = |kind: &[&str], threads: &str| {
         let out = folder.path().join(format!("{threads}-{}", kind.len()));
         let memory = out.with_extension("ply");
-        let mut command = run(&demo_scene(), &out);
+        let mut command = run(&demo_clip(), &out);
         command.args(["--max-frames", "3", "--threads", threads]).args(kind);
         command.arg("--save-memory").arg(&memory).assert().success();
         let segments = file_names(&out.join("segments"));
@@ -113,7 +100,7 @@ fn assert_memory_continues(folder: &Path, kind: &[&str]) {
     let memory = folder.join("memory.ply");
     let (first, second) = (folder.join("first"), folder.join("second"));
     let run_two_frames = |out: &Path, with_memory: &str| {
-        let mut command = run(&demo_scene(), out);
+        let mut command = run(&demo_clip(), out);
         command.args(kind).args(["--max-frames", "2", with_memory]).arg(&memory).assert().success();
     };
     run_two_frames(&first, "--save-memory");
@@ -127,7 +114,7 @@ fn assert_memory_continues(folder: &Path, kind: &[&str]) {
 /// Asserts that loading a memory fails with the expected error.
 fn assert_not_loaded(folder: &Path, options: &[&str], expected: &str) {
     let (memory, out) = (folder.join("memory.ply"), folder.join("refused"));
-    let (code, message) = finish(run(&demo_scene(), &out).args(options).arg("--load-memory").arg(&memory));
+    let (code, message) = finish(run(&demo_clip(), &out).args(options).arg("--load-memory").arg(&memory));
     assert_eq!(code, 2, "{message}");
     assert!(message.contains(expected) && !out.exists(), "{message}");
 }
@@ -156,12 +143,12 @@ fn a_saved_memory_of_features_continues_with_its_ids() {
 fn masks_of_another_model_get_lasting_ids() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    let masks = demo_scene().join("instance-filt");
-    let mut command = run(&demo_scene(), &out);
+    let masks = demo_clip().join("instance-filt");
+    let mut command = run(&demo_clip(), &out);
     command.args(["--crop-border", "5", "--max-frames", "3", "--segmenter", "masks", "--masks"]).arg(masks);
     command.assert().success();
     assert_eq!(summary(&out)["frames"], 3);
-    let (code, message) = finish(run(&demo_scene(), &folder.path().join("none")).args(["--segmenter", "masks"]));
+    let (code, message) = finish(run(&demo_clip(), &folder.path().join("none")).args(["--segmenter", "masks"]));
     assert_eq!(code, 2);
     assert!(message.contains("--masks DIR"), "{message}");
 }
@@ -216,7 +203,7 @@ fn bad_scenes_are_one_line_errors_with_exit_code_2() {
 #[test]
 fn one_frame_and_frames_without_depth_are_enough() {
     let scene = copied_scene(3);
-    let room = SyntheticScene::new(SyntheticSettings { frames: 1, ..SyntheticSettings::default() }).unwrap();
+    let room = room("synthetic:frames=1");
     let empty_depth = splatseg_geometry::SegmentMap::filled(320, 240, 0);
     assert_eq!(room.frame_count(), 1);
     splatseg_annotations::write_segments_png(&scene.path().join("depth/1.png"), &empty_depth).unwrap();
@@ -238,13 +225,13 @@ fn one_frame_and_frames_without_depth_are_enough() {
 fn results_are_not_overwritten_unless_asked_for() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
-    run(&demo_scene(), &out).args(["--max-frames", "3"]).assert().success();
+    run(&demo_clip(), &out).args(["--max-frames", "3"]).assert().success();
     let before = fs::read(out.join("summary.json")).unwrap();
-    let (code, message) = finish(run(&demo_scene(), &out).args(["--max-frames", "1"]));
+    let (code, message) = finish(run(&demo_clip(), &out).args(["--max-frames", "1"]));
     assert_eq!(code, 2);
     assert!(message.contains("--overwrite"), "{message}");
     assert_eq!(fs::read(out.join("summary.json")).unwrap(), before);
-    run(&demo_scene(), &out).args(["--max-frames", "1", "--overwrite"]).assert().success();
+    run(&demo_clip(), &out).args(["--max-frames", "1", "--overwrite"]).assert().success();
     assert_eq!(file_names(&out.join("segments")), ["000000.png"]);
 }
 

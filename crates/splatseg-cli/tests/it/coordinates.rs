@@ -1,11 +1,12 @@
 //! Runs in world coordinates of seven digits, as in map projections.
 
-use crate::support::{file_names, finish, read_json, splatseg};
+use crate::support::{CLIP_PARTS, file_names, finish, read_json, splatseg};
 use glam::DVec3;
 use serde_json::Value;
 use splatseg_dataset::{DatasetSettings, open_scene};
 use splatseg_objects::ObjectList;
 use splatseg_ros::{MarkerArray, PointCloud2, TfMessage, from_cdr};
+use splatseg_test_scenes::copy_demo_clip;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -14,13 +15,7 @@ const OFFSET: DVec3 = DVec3::new(5e5, 5.4e6, 160.0);
 
 /// Copies the demo's scene with all cameras moved by `offset`.
 fn scene(folder: &Path, offset: DVec3) -> PathBuf {
-    let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("demo");
-    for part in ["color", "depth", "intrinsic", "pose"] {
-        fs::create_dir_all(folder.join(part)).unwrap();
-        for name in file_names(&demo.join(part)) {
-            fs::copy(demo.join(part).join(&name), folder.join(part).join(&name)).unwrap();
-        }
-    }
+    copy_demo_clip(&CLIP_PARTS, usize::MAX, folder);
     for name in file_names(&folder.join("pose")) {
         let path = folder.join("pose").join(name);
         let mut numbers: Vec<f64> =

@@ -1,7 +1,6 @@
 //! The command without features stays small: the first command of the README builds it.
 
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::process::Command;
 
 /// Maximum number of crates, with those of this project, that `cargo run --release -- demo` builds.
@@ -42,9 +41,8 @@ fn crates(features: &[&str]) -> Option<BTreeSet<String>> {
     Some(lines.lines().map(name_and_version).collect())
 }
 
-/// Reports that the test was skipped. Not with `println!`: the test runner hides the output of passing tests.
+/// Reports that the test was skipped.
 fn skipped<T>(reason: &str) -> Option<T> {
-    let line = format!("\nskipped: the_demo_is_built_from_few_crates: {reason}\n");
-    std::io::stderr().write_all(line.as_bytes()).ok();
+    splatseg_test_scenes::skipped("the_demo_is_built_from_few_crates", reason);
     None
 }

@@ -4,6 +4,7 @@ use crate::support::{FASTSAM_WEIGHTS, finish, splatseg};
 use splatseg_dataset::read_segments_png;
 use splatseg_geometry::SegmentMap;
 use splatseg_models::device::{DeviceError, DeviceName};
+use splatseg_test_scenes::skipped;
 
 #[test]
 fn every_device_is_listed_with_what_it_is_or_lacks() {
@@ -52,12 +53,6 @@ fn has_gpu(test: &str) -> bool {
         skipped(test, &error.to_string());
     }
     opened.is_ok()
-}
-
-/// Reports a skipped test. Not with `println!`: the test runner hides the output of passing tests.
-fn skipped(test: &str, reason: &str) {
-    let line = format!("\nskipped: {test}: {reason}\n");
-    let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
 }
 
 /// Returns the id images of a run.

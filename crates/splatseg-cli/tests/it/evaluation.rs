@@ -3,8 +3,9 @@
 use crate::support::{Ended, ROOM, finish, read_json, splatseg};
 use serde_json::{Value, json};
 use splatseg_annotations::write_segments_png;
-use splatseg_dataset::{Scene, SyntheticScene};
+use splatseg_dataset::Scene;
 use splatseg_geometry::{Mask, RunLengths, SegmentId, SegmentMap};
+use splatseg_test_scenes::{recording, room};
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -24,10 +25,7 @@ fn scores(prediction: &Path, more: &[&str]) -> Value {
 
 /// Returns the name and true segments of every frame.
 fn truth() -> Vec<(String, SegmentMap)> {
-    let scene = SyntheticScene::new(ROOM.parse().unwrap()).unwrap();
-    (0..scene.frame_count())
-        .map(|index| (scene.frame_name(index), scene.read_ground_truth(index).unwrap().unwrap()))
-        .collect()
+    recording(ROOM).into_iter().map(|(frame, truth)| (frame.name().to_owned(), truth)).collect()
 }
 
 /// Writes the truth as a folder of id images.
@@ -181,7 +179,7 @@ fn tracks_of_one_video_are_taken_from_the_results_of_many() {
     let path = written(&folder, &document);
     assert_eq!(scores(&path, &["--protocol", "strict", "--video", "two"])["vsq"], json!(100.0));
     let mut named = tracks();
-    let name = SyntheticScene::new(ROOM.parse().unwrap()).unwrap().name().to_owned();
+    let name = room(ROOM).name().to_owned();
     named.iter_mut().for_each(|track| track["video_id"] = name.clone().into());
     named.push(wrong(json!("other")));
     assert_eq!(scores(&written(&folder, &Value::Array(named)), &strict)["vsq"], json!(100.0));

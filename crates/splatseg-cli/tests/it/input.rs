@@ -1,23 +1,9 @@
 //! Messages about the input: the recognised format, unlikely values, and excessive memory use.
 
-use crate::support::{Ended, finish, splatseg};
+use crate::support::{CLIP_PARTS, Ended, finish, splatseg};
+use splatseg_test_scenes::copy_demo_clip;
 use std::fs;
 use std::path::Path;
-
-/// Copies the first frames of the demo's clip, which is in ScanNet's exported layout.
-fn copied_scene(folder: &Path, frames: usize) {
-    let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("demo");
-    for part in ["color", "depth", "pose", "intrinsic"] {
-        fs::create_dir_all(folder.join(part)).unwrap();
-        for entry in fs::read_dir(demo.join(part)).unwrap() {
-            let path = entry.unwrap().path();
-            let number: Option<usize> = path.file_stem().unwrap().to_str().unwrap().parse().ok();
-            if number.is_none_or(|number| number < frames) {
-                fs::copy(&path, folder.join(part).join(path.file_name().unwrap())).unwrap();
-            }
-        }
-    }
-}
 
 fn run(scene: &Path, out: &Path, options: &[&str]) -> Ended {
     finish(splatseg().arg("run").arg(scene).arg("--out").arg(out).args(options))
@@ -31,7 +17,7 @@ fn lines_with<'a>(text: &'a str, part: &str) -> Vec<&'a str> {
 fn the_recognised_input_is_reported_at_the_start() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("clip");
-    copied_scene(&scene, 4);
+    copy_demo_clip(&CLIP_PARTS, 4, &scene);
     fs::remove_file(scene.join("color/1.jpg")).unwrap();
     let ended = run(&scene, &folder.path().join("out"), &["--resize", "160x120", "--stride", "2"]);
     assert_eq!(ended.code, 0, "{}", ended.err);
@@ -45,7 +31,7 @@ fn the_recognised_input_is_reported_at_the_start() {
 fn unlikely_input_is_reported_once() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("clip");
-    copied_scene(&scene, 4);
+    copy_demo_clip(&CLIP_PARTS, 4, &scene);
     for frame in 0..4 {
         let pose = format!("1 0 0 {}\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", 400 * frame);
         fs::write(scene.join(format!("pose/{frame}.txt")), pose).unwrap();
@@ -71,7 +57,7 @@ fn unlikely_input_is_reported_once() {
 fn a_recording_without_calibration_needs_a_focal_length() {
     let folder = tempfile::tempdir().unwrap();
     let (scene, out) = (folder.path().join("clip"), folder.path().join("out"));
-    copied_scene(&scene, 2);
+    copy_demo_clip(&CLIP_PARTS, 2, &scene);
     fs::remove_dir_all(scene.join("intrinsic")).unwrap();
     for (options, expected) in [
         (&["--cx", "9"][..], "dataset.cx is 9, expected no value without dataset.fx (--fx)"),
@@ -91,7 +77,7 @@ fn a_recording_without_calibration_needs_a_focal_length() {
 fn the_unit_of_depth_is_one_option_for_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let (scene, out) = (folder.path().join("clip"), folder.path().join("out"));
-    copied_scene(&scene, 2);
+    copy_demo_clip(&CLIP_PARTS, 2, &scene);
     let config = folder.path().join("own.toml");
     fs::write(&config, "\u{FEFF}dataset.depth_scale = 2000\r\n").unwrap();
     let small = ["--resize", "80x60", "--overwrite", "--no-page"];
@@ -155,7 +141,7 @@ fn paths_that_are_not_utf8_are_accepted() {
     use std::os::unix::ffi::OsStringExt;
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &[u8]| folder.path().join(std::ffi::OsString::from_vec(name.to_vec()));
-    copied_scene(&name(b"sc\xFFne"), 1);
+    copy_demo_clip(&CLIP_PARTS, 1, &name(b"sc\xFFne"));
     let ended = run(&name(b"sc\xFFne"), &name(b"\xFF"), &["--resize", "80x60"]);
     assert_eq!((ended.code, name(b"\xFF").join("segments/000000.png").is_file()), (0, true), "{}", ended.err);
 }

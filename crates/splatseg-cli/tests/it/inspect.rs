@@ -42,13 +42,8 @@ fn shows_the_contents_of_a_file() {
 
 #[test]
 fn shows_the_contents_of_an_ultralytics_checkpoint() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/models/fastsam-rooms-n.pt");
-    if !path.exists() {
-        // Not `println!`, whose output the test runner hides when a test passes.
-        let line = "\nskipped: shows_the_contents_of_an_ultralytics_checkpoint: ../shared is not here\n";
-        let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
-        return;
-    }
+    let test = "shows_the_contents_of_an_ultralytics_checkpoint";
+    let Some(path) = splatseg_test_scenes::shared("models/fastsam-rooms-n.pt", test) else { return };
     let folder = tempfile::tempdir().unwrap();
     let converted = folder.path().join("rooms.safetensors");
     let ended = inspect(&path, &["--convert", converted.to_str().unwrap()]);

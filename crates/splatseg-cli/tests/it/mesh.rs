@@ -2,7 +2,8 @@
 
 use crate::support::{Ended, finish, read_json, splatseg};
 use glam::Vec2;
-use splatseg_dataset::{Scene, SyntheticScene};
+use splatseg_dataset::Scene;
+use splatseg_test_scenes::{recording, room};
 use std::fs;
 use std::path::Path;
 
@@ -26,10 +27,8 @@ fn ply(vertices: &[[f32; 3]]) -> Vec<u8> {
 
 /// Returns the surface visible in the room's frames, with its true instances.
 fn surface() -> (Vec<[f32; 3]>, Vec<u32>) {
-    let scene = SyntheticScene::new(ROOM.parse().unwrap()).unwrap();
     let (mut vertices, mut instances) = (Vec::new(), Vec::new());
-    for index in 0..scene.frame_count() {
-        let (frame, truth) = (scene.read_frame(index).unwrap(), scene.read_ground_truth(index).unwrap().unwrap());
+    for (frame, truth) in recording(ROOM) {
         for row in (0..frame.height()).step_by(3) {
             for column in (0..frame.width()).step_by(3) {
                 let (depth, id) = (frame.depth()[(column, row)], truth[(column, row)]);
@@ -81,7 +80,7 @@ fn a_benchmark_has_the_scores_of_its_scenes_meshes_as_columns() {
     let folder = tempfile::tempdir().unwrap();
     let (instances, map, out) =
         (folder.path().join("instances"), folder.path().join("map.ply"), folder.path().join("bench"));
-    let name = SyntheticScene::new(ROOM.parse().unwrap()).unwrap().name().to_owned();
+    let name = room(ROOM).name().to_owned();
     let [mesh, text] = ["_vh_clean_2.ply", ".txt"].map(|ending| instances.join(format!("{name}{ending}")));
     let (vertices, ids) = surface();
     fs::create_dir(&instances).unwrap();

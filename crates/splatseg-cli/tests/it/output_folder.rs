@@ -237,9 +237,7 @@ fn ffmpeg_makes_a_video_of_the_overlays() {
                      -vf pad=ceil(iw/2)*2:ceil(ih/2)*2 -pix_fmt yuv420p out.mp4";
     let mut ffmpeg = std::process::Command::new("ffmpeg");
     let Ok(output) = ffmpeg.args(arguments.split_whitespace()).current_dir(folder.path()).output() else {
-        let line = b"\nskipped: ffmpeg_makes_a_video_of_the_overlays: there is no ffmpeg\n";
-        let _ = std::io::Write::write_all(&mut std::io::stderr(), line);
-        return;
+        return splatseg_test_scenes::skipped("ffmpeg_makes_a_video_of_the_overlays", "there is no ffmpeg");
     };
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let mut ffprobe = std::process::Command::new("ffprobe");

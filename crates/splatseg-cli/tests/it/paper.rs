@@ -4,6 +4,7 @@ use crate::standins::write_standins;
 use crate::support::{Ended, RECOGNISED_AS_EDGETAM, finish, read_json, splatseg, write_zeros};
 use serde_json::{Value, json};
 use splatseg_dataset::{DatasetSettings, open_scene};
+use splatseg_test_scenes::shared_folder;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -13,14 +14,7 @@ fn bench_paper(out: &Path, more: &[&str]) -> Ended {
 
 /// Returns `../shared`. If it is missing, prints a message and returns `None`.
 fn shared(test: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    if !folder.exists() {
-        // Not `println!`, whose output the test runner hides when a test passes.
-        let line = format!("\nskipped: {test}: ../shared is not here\n");
-        let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
-        return None;
-    }
-    Some(folder.canonicalize().unwrap())
+    shared_folder(test).map(|folder| folder.canonicalize().unwrap())
 }
 
 /// Writes stand-ins for the data sets with a few frames of the rendered rooms, see `cargo xtask make-standins`.

@@ -1,13 +1,9 @@
 //! Runs on scenes whose poses are given, missing or ignored.
 
 use crate::support::{Ended, finish, read_json, splatseg};
+use splatseg_test_scenes::copy_demo_clip;
 use std::fs;
-use std::path::{Path, PathBuf};
-
-/// The demo's clip, a scene in ScanNet's exported layout.
-fn demo_scene() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("demo")
-}
+use std::path::Path;
 
 const ROOM: &str = "synthetic:frames=12,width=160,height=120,objects=8,speed=0.1";
 
@@ -57,14 +53,7 @@ fn each_source_of_poses_says_what_it_does() {
 fn a_scene_without_poses_is_tracked_unless_that_is_forbidden() {
     let folder = tempfile::tempdir().unwrap();
     let scene = folder.path().join("scene");
-    for part in ["color", "depth", "intrinsic"] {
-        let target = scene.join(part);
-        fs::create_dir_all(&target).unwrap();
-        for entry in fs::read_dir(demo_scene().join(part)).unwrap() {
-            let path = entry.unwrap().path();
-            fs::copy(&path, target.join(path.file_name().unwrap())).unwrap();
-        }
-    }
+    copy_demo_clip(&["color", "depth", "intrinsic"], usize::MAX, &scene);
     let out = folder.path().join("out");
     let ended = run(&scene, &out, &["--max-frames", "6"]);
     assert_eq!(ended.code, 0, "{}", ended.err);

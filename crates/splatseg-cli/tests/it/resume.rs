@@ -4,6 +4,7 @@
 
 use crate::support::nearly_full::save_nearly_full_memory;
 use crate::support::{Ended, FEATURES, finish, read_json, splatseg, stoppable_splatseg};
+use splatseg_test_scenes::file_contents;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -37,18 +38,7 @@ fn path_text(path: &Path) -> String {
 
 /// Returns every file in a folder with its content, except files that contain times or the order of writing.
 fn files(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
-    fn collect(folder: &Path, root: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                collect(&path, root, files);
-            } else {
-                files.insert(path.strip_prefix(root).unwrap().to_owned(), fs::read(&path).unwrap());
-            }
-        }
-    }
-    let mut found = BTreeMap::new();
-    collect(folder, folder, &mut found);
+    let mut found = file_contents(folder);
     found.remove(Path::new("manifest.jsonl")).unwrap();
     found.remove(Path::new("summary.json")).unwrap();
     found

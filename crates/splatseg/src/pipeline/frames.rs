@@ -1,4 +1,8 @@
 //! The frame loop.
+//!
+//! The segmenter does not depend on the method, so frame t + 1 is segmented while the method processes frame t, on the
+//! same threads, unless `segment_ahead=false`. Results are the same bytes either way. Each stage takes longer, as both
+//! share the processor. [`Pipeline::step`] has one frame only, and segments it first.
 
 use super::stages::{Segmented, in_thread_pool, process, segment};
 use super::{FrameResult, NameObjectsError, ObjectToName, Pipeline, PipelineError, UnusableFrame};

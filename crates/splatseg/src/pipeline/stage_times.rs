@@ -1,7 +1,7 @@
 //! Times each stage of a frame, from the [`tracing`] spans that methods and memory open.
 //!
 //! A stage is a span with the target `splatseg::stage`, named after the span. The time of a nested stage is not counted
-//! for the stage around it.
+//! for the stage around it. The program's own subscriber still receives every span and event.
 
 use splatseg_geometry::STAGE_TARGET;
 use std::collections::HashMap;

@@ -1,4 +1,12 @@
 //! All settings of a run, with the same names in TOML files, `--set`, `summary.json` and the library.
+//!
+//! Each setting is declared once, with [`settings!`], in the crate that uses it. `registry.rs` lists all of them with
+//! the method, segmenter, tracker or memory that each needs; TOML, `--set`, `--help`, `splatseg settings` and
+//! `docs/SETTINGS.md` use that list. `layers.rs` combines files (`file.rs`), options, assignments and the settings
+//! fixed by a saved memory. They override the defaults, of which `method_preset` changes some (`preset.rs`). `table.rs`
+//! checks the values; settings that the choices do not use are errors (`usage.rs`), and every number has a range within
+//! which a run does not hang. [`Settings::validate`] refuses a network that the program was built without, before
+//! anything is read.
 
 mod document;
 mod error;

@@ -1,8 +1,9 @@
 //! The lens is covered for a while: the map does not change, and objects keep their ids.
 
-use splatseg::dataset::{Scene, SyntheticScene, SyntheticSettings};
+use splatseg::dataset::{Scene, SyntheticScene};
 use splatseg::odometry::PoseState;
 use splatseg::{CameraFrame, Image, Pipeline, SegmentMap, Settings};
+use splatseg_test_scenes::room;
 
 /// Frame `index` of the scene without its pose, black and without depth from frame 6 to 10.
 fn frame(scene: &SyntheticScene, index: usize) -> CameraFrame<'static> {
@@ -23,8 +24,7 @@ fn same(one: &SegmentMap, other: &SegmentMap) -> f64 {
 
 #[test]
 fn while_the_lens_is_covered_the_map_rests_and_ids_stay() {
-    let settings: SyntheticSettings = "synthetic:frames=16,width=160,height=120,speed=0.01".parse().unwrap();
-    let scene = SyntheticScene::new(settings).unwrap();
+    let scene = room("synthetic:frames=16,width=160,height=120,speed=0.01");
     let mut pipeline = Pipeline::builder(&Settings::default()).build().unwrap();
     let mut before = None;
     for index in 0..scene.frame_count() {

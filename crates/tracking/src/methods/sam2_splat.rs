@@ -1,4 +1,9 @@
 //! SAM2-Splat: a tracker with a splat memory that corrects it (`docs/PAPER.md`, "SAM2-Splat").
+//!
+//! Tracks and remembered segments share ids, so no matching is needed. The tracker receives a frame, then all prompts
+//! for that frame in one batch. `reprompting/track_errors.rs` compares tracks with the segments that the memory
+//! expects, `reprompting/clicks.rs` chooses the points of corrections, and `trackers/new_objects.rs` selects detections
+//! that no track covers.
 
 use super::output::confidence;
 use super::{FrameOutput, Method, check_comparable};

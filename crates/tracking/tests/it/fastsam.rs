@@ -1,20 +1,18 @@
 //! The baseline without memory: ids follow only from overlap between consecutive frames.
 
-use splatseg_dataset::{Framing, Scene, SyntheticScene, SyntheticSettings};
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask};
+use splatseg_dataset::{Framing, Scene};
+use splatseg_geometry::{Mask, Pose, RgbdFrame, ScoredMask};
 use splatseg_metrics::{FramePrediction, ScoreSettings, VideoScorer};
 use splatseg_segmenter::Segmenter;
 use splatseg_simulators::{OraclePreset, OracleSegmenter, OracleSettings, SceneGroundTruth};
+use splatseg_test_scenes::{camera, room, truth, wall};
 use splatseg_tracking::{FastSamBaseline, FastSamBaselineSettings, FrameOutput, Method, TrackingError};
 use std::sync::Arc;
 
 const SIZE: (usize, usize) = (40, 10);
 
 fn frame(size: (usize, usize)) -> RgbdFrame<'static> {
-    let (width, height) = size;
-    let camera = Intrinsics { fx: 10.0, fy: 10.0, cx: 1.0, cy: 1.0, width, height };
-    let (color, depth) = (Image::filled(width, height, [0; 3]), Image::filled(width, height, 1.0));
-    RgbdFrame::new("0", color, depth, camera, Pose::IDENTITY).unwrap()
+    wall("0", camera(size.0, size.1, 10.0), 1.0, Pose::IDENTITY)
 }
 
 fn stripe(from: usize, to: usize) -> ScoredMask {
@@ -93,16 +91,15 @@ fn more_masks_than_can_be_compared_are_refused() {
 /// The evaluation links masks without ids in the same way, so both have the same score.
 #[test]
 fn its_ids_score_like_its_masks_without_ids() {
-    let room = SyntheticSettings { width: 96, height: 72, frames: 20, ..SyntheticSettings::default() };
-    let scene = Arc::new(SyntheticScene::new(room).unwrap());
-    let truth = SceneGroundTruth::new(scene.clone(), Framing::default()).unwrap();
+    let scene = Arc::new(room("synthetic:width=96,height=72,frames=20"));
+    let all = SceneGroundTruth::new(scene.clone(), Framing::default()).unwrap();
     let oracle = OracleSettings::default().with(|settings| settings.preset = OraclePreset::FastsamLike);
-    let mut oracle = OracleSegmenter::new(truth, &oracle, 1).unwrap();
+    let mut oracle = OracleSegmenter::new(all, &oracle, 1).unwrap();
     let mut method = FastSamBaseline::new(settings()).unwrap();
     let new_scorer = || VideoScorer::new(ScoreSettings::default());
     let (mut linked, mut unlinked) = (new_scorer(), new_scorer());
     for index in 0..scene.frame_count() {
-        let truth = scene.read_ground_truth(index).unwrap().unwrap();
+        let truth = truth(scene.as_ref(), index);
         let frame = scene.read_frame(index).unwrap();
         let output = method.process(&frame, &oracle.segment(&frame).unwrap()).unwrap();
         let masks: Vec<Mask> = output.masks.iter().map(|(_, mask)| mask.clone()).collect();

@@ -1,9 +1,10 @@
 //! FastSAM-Splat in the synthetic room, where every id is known: ids last while objects leave the view and return.
 
-use crate::exact_masks::{MIN_AREA, count_pairs, evidence, features, masks, method, truth};
-use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
+use crate::exact_masks::{MIN_AREA, count_pairs, evidence, features, masks, method};
+use splatseg_dataset::{Scene, SyntheticScene};
 use splatseg_geometry::{Image, Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatContent, SplatFile};
+use splatseg_test_scenes::truth;
 use splatseg_tracking::{
     FastSamBaseline, FastSamBaselineSettings, FastSamSplat, FastSamSplatSettings, FastSpamBaseline,
     FastSpamBaselineSettings, FrameOutput, Method, TrackingError,
@@ -11,8 +12,7 @@ use splatseg_tracking::{
 use std::collections::BTreeMap;
 
 fn room(frames: usize) -> SyntheticScene {
-    let settings = SyntheticSettings { width: 112, height: 84, frames, objects: 12, seed: 5, ..Default::default() };
-    SyntheticScene::new(settings).unwrap()
+    splatseg_test_scenes::room(&format!("synthetic:width=112,height=84,frames={frames},objects=12,seed=5"))
 }
 
 /// Returns the fraction of the pixels that show the most frequent output id of their object.

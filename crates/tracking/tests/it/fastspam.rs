@@ -1,10 +1,11 @@
 //! FastSPAM: a point per segment finds the segment again in the next frame.
 
 use glam::{Mat4, Vec3};
-use splatseg_dataset::{Framing, Scene, SyntheticScene, SyntheticSettings};
+use splatseg_dataset::{Framing, Scene, SyntheticScene};
 use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask};
 use splatseg_segmenter::Segmenter;
 use splatseg_simulators::{OracleSegmenter, OracleSettings, SceneGroundTruth};
+use splatseg_test_scenes::{grey_frame, room, wall};
 use splatseg_tracking::{
     FastSamBaseline, FastSamBaselineSettings, FastSpamBaseline, FastSpamBaselineSettings, FrameOutput, Method,
     TrackingError,
@@ -14,14 +15,13 @@ use std::sync::Arc;
 
 const WIDTH: usize = 60;
 const HEIGHT: usize = 20;
+const CAMERA: Intrinsics = Intrinsics { fx: 40.0, fy: 40.0, cx: 30.0, cy: 10.0, width: WIDTH, height: HEIGHT };
 
 /// A frame from a camera moved to the left, so that objects 2 m away appear `columns` pixels farther to the right.
 fn frame_with_depth(columns: f32, depth: impl FnMut(usize, usize) -> f32) -> RgbdFrame<'static> {
-    let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 30.0, cy: 10.0, width: WIDTH, height: HEIGHT };
     let pose =
         Pose::from_matrix((Mat4::from_translation(Vec3::new(-columns * 2.0 / 40.0, 0.3, -0.1))).as_dmat4()).unwrap();
-    let (color, depth) = (Image::filled(WIDTH, HEIGHT, [0; 3]), Image::from_fn(WIDTH, HEIGHT, depth));
-    RgbdFrame::new("0", color, depth, camera, pose).unwrap()
+    grey_frame("0", CAMERA, Image::from_fn(WIDTH, HEIGHT, depth), pose)
 }
 
 /// The same frame of a wall 2 m ahead.
@@ -150,10 +150,7 @@ fn points_are_dropped_as_soon_as_they_leave_the_image() {
     // Objects 2 m away appear this much farther to the right and farther down.
     let moved = |columns: f32, rows: f32| {
         let position = Vec3::new(-columns * 2.0 / 40.0, -rows * 2.0 / 40.0, 0.0);
-        let camera = Intrinsics { fx: 40.0, fy: 40.0, cx: 30.0, cy: 10.0, width: WIDTH, height: HEIGHT };
-        let (color, depth) = (Image::filled(WIDTH, HEIGHT, [0; 3]), Image::filled(WIDTH, HEIGHT, 2.0));
-        let pose = Pose::from_matrix(Mat4::from_translation(position).as_dmat4()).unwrap();
-        RgbdFrame::new("0", color, depth, camera, pose).unwrap()
+        wall("0", CAMERA, 2.0, Pose::from_matrix(Mat4::from_translation(position).as_dmat4()).unwrap())
     };
     // Their points are the pixels (8, 4) and (51, 15).
     let block = |left: usize, top: usize| {
@@ -177,9 +174,7 @@ fn a_pixel_without_depth_is_not_a_point_at_the_camera() {
     method.process(&frame_with_depth(0.0, |_, _| 0.0), &[stripe(40, 47)]).unwrap();
     // The old camera position is now in front of the camera, in the middle of the image.
     let back = Pose::from_matrix(Mat4::from_translation(Vec3::new(0.0, 0.3, -1.1)).as_dmat4()).unwrap();
-    let camera = *frame(0.0).intrinsics();
-    let (color, depth) = (Image::filled(WIDTH, HEIGHT, [0; 3]), Image::filled(WIDTH, HEIGHT, 2.0));
-    let frame = RgbdFrame::new("1", color, depth, camera, back).unwrap();
+    let frame = wall("1", CAMERA, 2.0, back);
     assert_eq!(found(&method.process(&frame, &[stripe(28, 33)]).unwrap()), [(2, 5)]);
 }
 
@@ -254,8 +249,7 @@ fn kept_and_lost(method: &mut dyn Method, segmenter: &mut dyn Segmenter, scene: 
 /// than by overlap alone.
 #[test]
 fn it_keeps_objects_of_the_synthetic_room() {
-    let settings = SyntheticSettings { width: 160, height: 120, frames: 12, ..SyntheticSettings::default() };
-    let scene = Arc::new(SyntheticScene::new(settings).unwrap());
+    let scene = Arc::new(room("synthetic:width=160,height=120,frames=12"));
     let truth = SceneGroundTruth::new(scene.clone(), Framing::default()).unwrap();
     let mut oracle = OracleSegmenter::new(truth, &OracleSettings::default(), 0).unwrap();
     let (kept, lost) = kept_and_lost(&mut fastspam(), &mut oracle, &scene);

@@ -1,8 +1,9 @@
 //! An object and its neighbour that share a mask in some frames.
 
-use crate::exact_masks::{evidence, masks, method, truth};
-use splatseg_dataset::{Scene, SyntheticScene};
+use crate::exact_masks::{evidence, masks, method};
+use splatseg_dataset::Scene;
 use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_test_scenes::{room, truth};
 use splatseg_tracking::Method;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -45,7 +46,7 @@ fn neighbours(truth: &SegmentMap) -> (SegmentId, SegmentId) {
 /// share a mask.
 fn ids_of_neighbours(seed: u64, joined: Range<usize>) -> Vec<(SegmentId, SegmentId)> {
     let text = format!("synthetic:frames={FRAMES},seed={seed},width=160,height=120,objects=16,camera=static");
-    let scene = SyntheticScene::new(text.parse().unwrap()).unwrap();
+    let scene = room(&text);
     let (small, large) = neighbours(&truth(&scene, 0));
     let mut method = method(evidence());
     let ids_in = |index| {

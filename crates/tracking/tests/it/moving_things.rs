@@ -1,9 +1,10 @@
 //! FastSAM-Splat in a room in which objects slide, vanish and appear, with exact masks without ids.
 
-use crate::exact_masks::{MIN_AREA, evidence, masks, method, truth};
+use crate::exact_masks::{MIN_AREA, evidence, masks, method};
 use splatseg_dataset::{CameraMotion, Motion, Scene, SyntheticScene};
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_memory::FrameUpdate;
+use splatseg_test_scenes::{room, truth};
 use splatseg_tracking::Method;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;
@@ -43,7 +44,7 @@ struct Watched {
 
 /// Runs the method over a video.
 fn watch(text: &str) -> Watched {
-    let scene = SyntheticScene::new(text.parse().unwrap()).unwrap();
+    let scene = room(text);
     let mut method = method(evidence());
     let mut steps = Vec::new();
     for index in 0..scene.frame_count() {

@@ -4,20 +4,14 @@ use splatseg_geometry::{Click, Image, Intrinsics, Mask, Pose, Prompt, RgbdFrame,
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::device::DeviceName;
 use splatseg_models::sam2::{Sam2Error, Sam2Network, Weights};
+use splatseg_test_scenes::shared;
 use splatseg_tracking::{Sam2Tracker, Sam2TrackerSettings, Tracker, TrackerError};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Returns the path of the miniature network's weights. Without `../shared`, prints a message and returns `None`.
 fn weights(test: &str) -> Option<PathBuf> {
-    let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden/sam2/sam2_mini.pt");
-    if !file.exists() {
-        // Not `println!`, whose output the test runner hides when a test passes.
-        let line = format!("\nskipped: {test}: ../shared is not here\n");
-        let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
-        return None;
-    }
-    Some(file)
+    shared("golden/sam2/sam2_mini.pt", test)
 }
 
 fn network(test: &str) -> Option<Arc<Sam2Network>> {

@@ -1,7 +1,8 @@
 //! Flat objects that are taken away: depth cannot distinguish a mask of the surface below from a merged mask.
 
 use crate::exact_masks::{evidence, method};
-use splatseg_geometry::{Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentMap};
+use splatseg_geometry::{Image, Mask, Pose, RgbdFrame, ScoredMask, SegmentMap};
+use splatseg_test_scenes::camera;
 use splatseg_tracking::Method;
 
 const SIZE: (usize, usize) = (80, 60);
@@ -13,7 +14,7 @@ const PATIENCE: usize = 10;
 /// `columns` is its width.
 fn frames_as_ghost(present: usize, columns: usize, thing: [u8; 3]) -> usize {
     let (width, height) = SIZE;
-    let intrinsics = Intrinsics { fx: 75.0, fy: 75.0, cx: 39.5, cy: 29.5, width, height };
+    let intrinsics = camera(width, height, 75.0);
     let truth = |is_there: bool| {
         SegmentMap::from_fn(width, height, |column, row| {
             let is_inside = (20..20 + columns).contains(&column) && (20..40).contains(&row);

@@ -4,9 +4,9 @@ use crate::client::{WebSocket, frame, pose_at, start, wait_until};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
-use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::SegmentId;
 use splatseg_memory::{MemorySettings, SplatMemory};
+use splatseg_test_scenes::recording;
 use splatseg_view::{ViewFrame, ViewLimits, ViewServer};
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
@@ -140,13 +140,12 @@ fn far_from_the_worlds_origin_coordinates_stay_exact() {
 
 #[test]
 fn the_map_comes_when_it_is_due_and_has_changed() {
-    let settings = SyntheticSettings { frames: 2, width: 64, height: 48, ..SyntheticSettings::default() };
-    let scene = SyntheticScene::new(settings).unwrap();
+    let frames = recording("synthetic:frames=2,width=64,height=48");
     let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
-    let (room, ids) = (scene.read_frame(0).unwrap(), scene.read_ground_truth(0).unwrap().unwrap());
+    let (room, ids) = &frames[0];
     let largest = ids.pixels().iter().copied().max().unwrap();
     while memory.new_segment().unwrap() < largest {}
-    memory.update(memory.recall(&room), &ids, &BTreeSet::new()).unwrap();
+    memory.update(memory.recall(room), ids, &BTreeSet::new()).unwrap();
 
     let interval = Duration::from_millis(100);
     let server = start(ViewLimits { map_interval: interval, ..ViewLimits::default() });
@@ -167,7 +166,7 @@ fn the_map_comes_when_it_is_due_and_has_changed() {
         maps += usize::from(kind == crate::client::TEXT && payload.starts_with(br#"{"kind":"map""#));
     }
     assert_eq!(maps, 0, "the same map is not sent again");
-    memory.update(memory.recall(&scene.read_frame(1).unwrap()), &ids, &BTreeSet::new()).unwrap();
+    memory.update(memory.recall(&frames[1].0), ids, &BTreeSet::new()).unwrap();
     server.publish_map(&memory.map());
     assert_eq!(page.page_message("map").unwrap().0["map"]["total"], memory.gaussian_count());
 }

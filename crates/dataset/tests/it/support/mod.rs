@@ -10,6 +10,7 @@ pub mod warnings;
 
 use image::{ExtendedColorType, ImageEncoder};
 use proptest::sample::Index;
+use splatseg_test_scenes::file_contents;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -108,24 +109,15 @@ pub fn write_lying_png(path: &Path, claimed: (u32, u32)) {
 
 /// Returns the folder of shared data, or prints that `test` was skipped and returns `None`.
 pub fn shared_data(test: &str, part: &str) -> Option<PathBuf> {
-    let path = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data")).join(part);
-    if path.exists() {
-        return Some(path);
-    }
-    // Not `println!`, because the test runner hides its output for passing tests.
-    let _ = std::io::Write::write_all(
-        &mut std::io::stderr(),
-        format!("\nskipped: {test}: ../shared is not here\n").as_bytes(),
-    );
-    None
+    splatseg_test_scenes::shared(&format!("data/{part}"), test)
 }
 
 /// Replaces each of a scene's files in turn by a FIFO and then by a link to `/dev/zero`. Opening and reading the scene
 /// at `path` must end each time, and the errors must name the file that is not regular.
 #[cfg(unix)]
 pub fn assert_special_files_are_refused(folder: &Path, path: &Path) {
-    for file in files_below(folder) {
-        let bytes = fs::read(&file).unwrap();
+    for (file, bytes) in file_contents(folder) {
+        let file = folder.join(file);
         for kind in ["FIFO", "device"] {
             fs::remove_file(&file).unwrap();
             if kind == "FIFO" {
@@ -147,15 +139,6 @@ pub fn assert_special_files_are_refused(folder: &Path, path: &Path) {
         fs::write(&file, bytes).unwrap();
     }
     assert_eq!(all_errors_of(path), Vec::<String>::new(), "the scene is whole again");
-}
-
-fn files_below(folder: &Path) -> Vec<PathBuf> {
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
-        if entry.is_dir() { files.extend(files_below(&entry)) } else { files.push(entry) }
-    }
-    files.sort();
-    files
 }
 
 /// Opens a scene, reads all of it, and returns the errors.

@@ -1,18 +1,11 @@
 //! Frames of the synthetic room for tests to write in a format and read back.
 
+pub use splatseg_test_scenes::recording;
+
 use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageEncoder};
-use splatseg_dataset::{Scene, SyntheticScene};
 use splatseg_geometry::{CowImage, RgbdFrame, SegmentMap};
 use std::io::Write;
-
-/// Frames with their true segments.
-pub fn recording(text: &str) -> Vec<(RgbdFrame<'static>, SegmentMap)> {
-    let scene = SyntheticScene::new(text.parse().unwrap()).unwrap();
-    (0..scene.frame_count())
-        .map(|index| (scene.read_frame(index).unwrap(), scene.read_ground_truth(index).unwrap().unwrap()))
-        .collect()
-}
 
 pub fn jpeg_bytes(color: &CowImage<'_, [u8; 3]>) -> Vec<u8> {
     let pixels: Vec<u8> = color.pixels().iter().flatten().copied().collect();

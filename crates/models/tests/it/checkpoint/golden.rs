@@ -3,19 +3,8 @@
 use safetensors::{Dtype as FileDtype, SafeTensors};
 use serde_json::Value;
 use splatseg_models::checkpoint::{Architecture, Checkpoint, Dtype, Format};
-use std::path::{Path, PathBuf};
-
-/// Path of a file in `../shared`. `None`, reported on a line of its own, if that folder is missing.
-fn shared(name: &str, test: &str) -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared");
-    if !folder.exists() {
-        // Not `println!`: the test runner hides the output of passing tests.
-        let line = format!("\nskipped: {test}: ../shared is not here\n");
-        let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
-        return None;
-    }
-    Some(folder.join(name))
-}
+use splatseg_test_scenes::shared_folder;
+use std::path::Path;
 
 fn open(path: &Path) -> Checkpoint {
     Checkpoint::open(path).unwrap_or_else(|error| panic!("{error}"))
@@ -40,7 +29,9 @@ fn halves(tensors: &SafeTensors<'_>, name: &str) -> Vec<f32> {
 
 #[test]
 fn every_layout_of_ultralytics_gives_the_same_tensors() {
-    let Some(folder) = shared("golden/fastsam", "every_layout_of_ultralytics") else { return };
+    let Some(folder) = shared_folder("every_layout_of_ultralytics").map(|shared| shared.join("golden/fastsam")) else {
+        return;
+    };
     let bytes = std::fs::read(folder.join("fastsam_mini_statedict.safetensors")).unwrap();
     let truth = SafeTensors::deserialize(&bytes).unwrap();
     for file in
@@ -66,7 +57,9 @@ fn every_layout_of_ultralytics_gives_the_same_tensors() {
 
 #[test]
 fn a_module_keeps_its_order_configuration_and_epsilon() {
-    let Some(folder) = shared("golden/fastsam", "a_module_keeps_its_order") else { return };
+    let Some(folder) = shared_folder("a_module_keeps_its_order").map(|shared| shared.join("golden/fastsam")) else {
+        return;
+    };
     // The small network has the same modules as s, in the same order.
     let order: Vec<String> = manifest(&folder.join("manifest_s.json")).into_iter().map(|(name, _)| name).collect();
     for file in ["fastsam_mini.pt", "fastsam_mini_ema.pt", "fastsam_mini_v80120.pt"] {
@@ -86,7 +79,10 @@ fn a_module_keeps_its_order_configuration_and_epsilon() {
 
 #[test]
 fn a_trained_checkpoint_is_recognised() {
-    let Some(path) = shared("models/fastsam-rooms-n.pt", "a_trained_checkpoint") else { return };
+    let Some(path) = shared_folder("a_trained_checkpoint").map(|shared| shared.join("models/fastsam-rooms-n.pt"))
+    else {
+        return;
+    };
     let checkpoint = open(&path);
     assert_eq!(
         checkpoint.architecture(),
@@ -104,7 +100,7 @@ fn a_trained_checkpoint_is_recognised() {
 
 #[test]
 fn metas_state_dicts_are_read() {
-    let Some(folder) = shared("golden/sam2", "metas_state_dicts") else { return };
+    let Some(folder) = shared_folder("metas_state_dicts").map(|shared| shared.join("golden/sam2")) else { return };
     let checkpoint = open(&folder.join("sam2_mini.pt"));
     assert_eq!(checkpoint.tensors().count(), 435);
     assert!(checkpoint.tensors().all(|tensor| tensor.dtype() == Dtype::F32));

@@ -1,34 +1,18 @@
 //! Reference files.
 
-use crate::sam2_golden::test_device;
+use crate::sam2_golden::{own_or_shared, test_device};
 use safetensors::SafeTensors;
 use splatseg_geometry::{Image, Mask};
+use splatseg_test_scenes::skipped;
 use std::path::{Path, PathBuf};
 
-/// Path of a file in `tests/data` (without the `golden/` of `../shared`) or in `../shared`. `None`, reported on a line
-/// of its own, if `../shared` or the device for tests is missing.
+/// As [`own_or_shared`]; also `None`, reported on a line of its own, if the device for tests is missing.
 pub fn shared(path: &str, test: &str) -> Option<PathBuf> {
     if let Some(reason) = test_device::missing() {
         skipped(test, &reason);
         return None;
     }
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let own = root.join("tests/data").join(path.trim_start_matches("golden/"));
-    if own.is_file() {
-        return Some(own);
-    }
-    let folder = root.join("../../../shared");
-    if !folder.exists() {
-        skipped(test, "../shared is not here");
-        return None;
-    }
-    Some(folder.join(path))
-}
-
-/// Reports a skipped test. Not with `println!`: the test runner hides the output of passing tests.
-fn skipped(test: &str, reason: &str) {
-    let line = format!("\nskipped: {test}: {reason}\n");
-    let _ = std::io::Write::write_all(&mut std::io::stderr(), line.as_bytes());
+    own_or_shared(path, test)
 }
 
 /// One safetensors file.

@@ -27,8 +27,7 @@ pub fn input(t: usize) -> Tensor<4> {
 /// The miniature; `None`, reported on a line of its own, if the device is missing.
 pub fn mini(network: &str, test: &str) -> Option<Sam2Network> {
     if let Some(reason) = test_device::missing() {
-        // Not `println!`: the test runner hides the output of passing tests.
-        let _ = std::io::Write::write_all(&mut std::io::stderr(), format!("\nskipped: {test}: {reason}\n").as_bytes());
+        splatseg_test_scenes::skipped(test, &reason);
         return None;
     }
     let weights = FormulaWeights::from_manifest(&folder(network), &format!("{network}_mini"));

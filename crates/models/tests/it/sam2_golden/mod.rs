@@ -7,27 +7,31 @@ pub mod test_device;
 use safetensors::{Dtype, SafeTensors};
 use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::sam2::{Sam2Error, Weights};
+use splatseg_test_scenes::{shared, shared_folder, skipped};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Folder of the reference data. `None`, reported on a line of its own, if the folder or the device is missing.
 pub fn folder(test: &str) -> Option<PathBuf> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/golden/sam2");
-    let missing = match test_device::missing() {
-        Some(reason) => reason,
-        None if folder.exists() => return Some(folder),
-        None => "../shared is not here".to_owned(),
-    };
-    // Not `println!`: the test runner hides the output of passing tests.
-    let _ = std::io::Write::write_all(&mut std::io::stderr(), format!("\nskipped: {test}: {missing}\n").as_bytes());
-    None
+    if let Some(reason) = test_device::missing() {
+        skipped(test, &reason);
+        return None;
+    }
+    shared("golden/sam2", test)
+}
+
+/// A file of `../shared`, which may also be in `tests/data`, there without `golden/`. `None`, reported on a line of its own,
+/// if it is in neither because `../shared` is missing.
+pub fn own_or_shared(path: &str, test: &str) -> Option<PathBuf> {
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(path.trim_start_matches("golden/"));
+    if own.is_file() { Some(own) } else { Some(shared_folder(test)?.join(path)) }
 }
 
 /// One reference file.
 pub struct Golden(Vec<u8>);
 
 impl Golden {
-    pub fn open(folder: &std::path::Path, name: &str) -> Self {
+    pub fn open(folder: &Path, name: &str) -> Self {
         let path = folder.join(format!("{name}.safetensors"));
         Self(std::fs::read(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display())))
     }
@@ -122,7 +126,7 @@ pub struct FormulaWeights {
 
 impl FormulaWeights {
     /// Weights of the names and shapes in `manifest_<size>.json`.
-    pub fn from_manifest(folder: &std::path::Path, size: &str) -> Self {
+    pub fn from_manifest(folder: &Path, size: &str) -> Self {
         let text = std::fs::read_to_string(folder.join(format!("manifest_{size}.json"))).unwrap();
         let manifest: serde_json::Value = serde_json::from_str(&text).unwrap();
         let entry = |entry: &serde_json::Value| {
@@ -252,7 +256,7 @@ impl Weights for MemoryWeights {
 }
 
 /// The miniature network's weights.
-pub fn mini_weights(folder: &std::path::Path) -> MemoryWeights {
+pub fn mini_weights(folder: &Path) -> MemoryWeights {
     let checkpoint = Checkpoint::open(&folder.join("sam2_mini.pt")).unwrap();
     let entry = |name: String| {
         let shape = checkpoint.shape(&name).unwrap();

@@ -5,6 +5,7 @@ use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings, Thing, ThingKin
 use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_objects::ObjectShape;
+use splatseg_test_scenes::truth;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Cells along each side of a face, to measure how much of it was seen.
@@ -102,7 +103,7 @@ pub fn seen_room(settings: SyntheticSettings, place: Pose) -> Seen {
     let mut seen = Seen { memory, truths: Vec::new(), things, faces: BTreeMap::new(), extents: BTreeMap::new() };
     for index in 0..scene.frame_count() {
         let frame = scene.read_frame(index).unwrap();
-        let truth = scene.read_ground_truth(index).unwrap().unwrap();
+        let truth = truth(&scene, index);
         seen.record_faces(&frame, &truth);
         let (color, depth) = (frame.color().clone(), frame.depth().clone());
         let pose = place * *frame.world_from_camera();

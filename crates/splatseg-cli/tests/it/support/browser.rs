@@ -31,9 +31,7 @@ impl Browser {
     pub fn start(test: &str, width: u32, height: u32) -> Option<Self> {
         let found = Command::new("chromium").arg("--version").output();
         if !found.is_ok_and(|output| output.status.success()) {
-            // Not `println!`, whose output the test runner hides when a test passes.
-            let line = format!("\nskipped: {test}: chromium is not installed\n");
-            let _ = std::io::stderr().write_all(line.as_bytes());
+            splatseg_test_scenes::skipped(test, "chromium is not installed");
             return None;
         }
         let profile = tempfile::tempdir().unwrap();

@@ -6,6 +6,8 @@ pub mod nearly_full;
 
 use assert_cmd::Command;
 use serde_json::{Value, json};
+use splatseg_test_scenes::copy_demo_clip;
+pub use splatseg_test_scenes::file_names;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -104,27 +106,12 @@ pub fn read_json(path: &Path) -> Value {
     serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// Returns the sorted names in a folder, or none if there is no folder.
-pub fn file_names(folder: &Path) -> Vec<String> {
-    let entries = fs::read_dir(folder).into_iter().flatten();
-    let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
-    names.sort();
-    names
-}
+/// Subfolders of the demo's clip that make a scene with poses and without ground truth.
+pub const CLIP_PARTS: [&str; 4] = ["color", "depth", "pose", "intrinsic"];
 
 /// Copies a small rendered scene in ScanNet's exported layout, whose frame names are numbers.
 pub fn numbered_scene(folder: &Path, frames: usize) -> PathBuf {
-    let demo = Path::new(env!("CARGO_MANIFEST_DIR")).join("demo");
     let scene = folder.join("scene");
-    for part in ["color", "depth", "pose", "intrinsic"] {
-        fs::create_dir_all(scene.join(part)).unwrap();
-        for entry in fs::read_dir(demo.join(part)).unwrap() {
-            let path = entry.unwrap().path();
-            let number: Option<usize> = path.file_stem().unwrap().to_str().unwrap().parse().ok();
-            if number.is_none_or(|number| number < frames) {
-                fs::copy(&path, scene.join(part).join(path.file_name().unwrap())).unwrap();
-            }
-        }
-    }
+    copy_demo_clip(&CLIP_PARTS, frames, &scene);
     scene
 }

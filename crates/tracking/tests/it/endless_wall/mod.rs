@@ -3,10 +3,9 @@
 #![allow(dead_code)] // The test and the example use a part each.
 
 use glam::DVec3;
-use splatseg_geometry::{
-    CameraFrame, Image, Intrinsics, Mask, Pose, Prompt, RgbdFrame, ScoredMask, SegmentId, SegmentMap,
-};
+use splatseg_geometry::{CameraFrame, Intrinsics, Mask, Pose, Prompt, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
 use splatseg_memory::MemorySettings;
+use splatseg_test_scenes::wall;
 use splatseg_tracking::{Method, Sam2Splat, Sam2SplatSettings, Tracker, TrackerError};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -76,9 +75,7 @@ fn truth(frame: usize) -> SegmentMap {
 
 /// A frame of the endless wall. Neighbouring frames do not overlap.
 fn frame(number: usize) -> RgbdFrame<'static> {
-    let color = Image::filled(CAMERA.width, CAMERA.height, [90; 3]);
-    let pose = Pose::from_translation(DVec3::X * 5.0 * number as f64);
-    RgbdFrame::new(number.to_string(), color, Image::filled(CAMERA.width, CAMERA.height, 2.0), CAMERA, pose).unwrap()
+    wall(number.to_string(), CAMERA, 2.0, Pose::from_translation(DVec3::X * 5.0 * number as f64))
 }
 
 /// Masks of the objects, and a mask that is too thin for the tracker.

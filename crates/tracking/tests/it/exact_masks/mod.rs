@@ -2,7 +2,6 @@
 
 #![allow(dead_code)] // Each test file uses a part.
 
-use splatseg_dataset::{Scene, SyntheticScene};
 use splatseg_geometry::{Mask, ScoredMask, SegmentId, SegmentMap};
 use splatseg_memory::{MemoryKind, MemorySettings};
 use splatseg_tracking::{FastSamSplat, FastSamSplatSettings};
@@ -31,11 +30,6 @@ pub fn features() -> MemorySettings {
         settings.kind = MemoryKind::Features;
         settings.num_codes = 64;
     })
-}
-
-/// The true ids of a frame.
-pub fn truth(scene: &SyntheticScene, index: usize) -> SegmentMap {
-    scene.read_ground_truth(index).unwrap().unwrap()
 }
 
 /// True masks of at least [`MIN_AREA`] pixels, in an order that changes from frame to frame.

@@ -3,11 +3,11 @@
 
 #![allow(dead_code)] // Each test file uses a part.
 
-use splatseg_dataset::{Scene, SyntheticScene, SyntheticSettings};
 use splatseg_geometry::{CameraFrame, Mask, Prompt, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{MemoryKind, MemorySettings};
 use splatseg_segmenter::Segmenter;
 use splatseg_simulators::{GroundTruthPrompts, GroundTruthSource, SimTracker, SimTrackerSettings};
+use splatseg_test_scenes::recording;
 use splatseg_tracking::{
     Method, PromptSource, RepromptSettings, Sam2Baseline, Sam2BaselineSettings, Sam2Splat, Sam2SplatSettings,
     TrackErrorCounts, Tracker, TrackerError,
@@ -46,13 +46,8 @@ pub struct RoomFrame {
 /// A small room, rendered once. 48 of its 56 frames are one revolution of the camera, so objects leave the view and
 /// return.
 pub static ROOM: LazyLock<Vec<RoomFrame>> = LazyLock::new(|| {
-    let settings = SyntheticSettings { width: 112, height: 84, frames: 56, objects: 12, seed: 5, ..Default::default() };
-    let scene = SyntheticScene::new(settings).unwrap();
-    let frame = |index| RoomFrame {
-        frame: scene.read_frame(index).unwrap(),
-        truth: scene.read_ground_truth(index).unwrap().unwrap(),
-    };
-    (0..scene.frame_count()).map(frame).collect()
+    let frames = recording("synthetic:width=112,height=84,frames=56,objects=12,seed=5");
+    frames.into_iter().map(|(frame, truth)| RoomFrame { frame, truth }).collect()
 });
 
 fn truth() -> impl GroundTruthSource + 'static {

@@ -1,0 +1,22 @@
+//! Frames, scenes and files that the tests of several crates share. Everything here panics where a test should fail.
+//!
+//! - [`camera`], [`grey_frame`] and [`wall`]: frames of one colour.
+//! - [`room`], [`truth`] and [`recording`]: the synthetic room.
+//! - [`demo_clip`] and [`copy_demo_clip`]: the clip of `splatseg demo`, a scene on disk.
+//! - [`file_names`] and [`file_contents`]: what a test has written.
+//! - [`shared`], [`shared_folder`] and [`skipped`]: data that not everybody has, and tests that are skipped without.
+//!
+//! Only integration tests, examples and benchmarks may use this crate. It depends on `splatseg-dataset`; in that crate's
+//! unit tests, as in those of the crates below it, the types would be others.
+
+mod demo_clip;
+mod files;
+mod grey_frames;
+mod rooms;
+mod shared_data;
+
+pub use demo_clip::{copy_demo_clip, demo_clip};
+pub use files::{file_contents, file_names};
+pub use grey_frames::{camera, grey_frame, wall};
+pub use rooms::{recording, room, truth};
+pub use shared_data::{shared, shared_folder, skipped};
