@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::pyclass::{PyTraverseError, PyVisit};
 use pyo3::types::{PyDict, PyTuple};
 use splatseg::segmenter::SegmenterError;
-use splatseg::{CameraFrame, Intrinsics, Mask, ScoredMask};
+use splatseg::{CameraFrame, Intrinsics, Mask, ScoredMask, Segmentation};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// A callable of Python that a pipeline and its segmenter share. The pipeline shows it to Python's garbage collector,
@@ -76,8 +76,9 @@ impl splatseg::Segmenter for PythonSegmenter {
         "python"
     }
 
-    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         Python::attach(|py| self.call(py, frame))
+            .map(Segmentation::from)
             .map_err(|error| SegmenterError::Other { name: "the segmenter".to_owned(), source: Box::new(error) })
     }
 }
@@ -160,7 +161,7 @@ impl Segmenter {
         let found = py.detach(move || segmenter.segment(&frame));
         drop(guard);
         py.check_signals()?;
-        let found = found.map_err(runtime_error)?;
+        let found = found.map_err(runtime_error)?.masks;
         let scores: Vec<f32> = found.iter().map(|scored| scored.score).collect();
         Ok((to_masks(py, found.iter().map(|scored| &scored.mask), size)?, PyArray1::from_vec(py, scores).unbind()))
     }

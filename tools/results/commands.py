@@ -55,6 +55,7 @@ RULES = {
     "min_visible_fraction": "0",
     "min_match_f_score": "0",
     "min_new_fraction": "0",
+    "regions_decide": "false",
     "show_tentative": "false",
 }
 # Departures of our defaults for the paper's memory from the paper, with the paper's values. The first row is ours.

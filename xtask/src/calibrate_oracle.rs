@@ -94,8 +94,12 @@ fn scored(videos: &[Video], settings: &OracleSettings, seed: u64, protocol: Prot
         for streamed in video.frames.iter() {
             let ground_truth = &streamed.ground_truth;
             let frame = streamed.clone().posed().context("a frame without a pose")?;
-            let masks: Vec<Mask> =
-                method.process(&frame, &oracle.segment(&frame)?)?.masks.into_iter().map(|(_, mask)| mask).collect();
+            let masks: Vec<Mask> = method
+                .process_masks(&frame, &oracle.segment(&frame)?.masks)?
+                .masks
+                .into_iter()
+                .map(|(_, mask)| mask)
+                .collect();
             let truth = ground_truth.as_ref().context("a frame without labels")?;
             scorer.push(truth, &FramePrediction::Unlinked(&masks))?;
             mask_count += masks.len();

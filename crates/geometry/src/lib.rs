@@ -31,6 +31,7 @@ mod pose_format;
 mod prompt;
 mod rle;
 mod segment_map;
+mod segmentation;
 mod stamped_pose;
 
 pub use assignment::{Candidate, Ratio, best_assignment};
@@ -51,6 +52,7 @@ pub use pose_format::{CameraAxes, PoseFormat};
 pub use prompt::{Click, Prompt};
 pub use rle::{RleError, RunLengths};
 pub use segment_map::{MAX_16_BIT_ID, MAX_SEGMENT_ID, SegmentId, SegmentMap};
+pub use segmentation::Segmentation;
 pub use stamped_pose::StampedPose;
 
 /// Target of the `tracing` spans that measure the stages of a frame. The span's name is the stage's, e.g. `match`.

@@ -9,6 +9,12 @@ use splatseg_geometry::SegmentId;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
+/// Creates the store of a map without Gaussians.
+pub type CreateStore = fn(&MemorySettings, NewStore<'_>) -> Result<Box<dyn SegmentStore>, MemoryError>;
+
+/// Creates the store of a saved map from its content.
+pub type RestoreStore = fn(&MemorySettings, SavedStore<'_>) -> Result<Box<dyn SegmentStore>, LoadMemoryError>;
+
 /// What makes a kind of memory: its name, its rules and its stores.
 pub struct MemoryKindDefinition {
     /// The name that chooses it: lower-case letters, digits, `-` and `_`.
@@ -16,10 +22,10 @@ pub struct MemoryKindDefinition {
     /// What it asks of the map and of the methods: the same as [`SegmentStore::rules`] of its stores.
     pub rules: fn(&MemorySettings) -> MemoryRules,
     /// Creates the store of a map without Gaussians.
-    pub create: fn(&MemorySettings, NewStore<'_>) -> Result<Box<dyn SegmentStore>, MemoryError>,
+    pub create: CreateStore,
     /// Creates the store of a saved map from its content, which is [`SegmentStore::content`] of the store that was
     /// saved.
-    pub restore: fn(&MemorySettings, SavedStore<'_>) -> Result<Box<dyn SegmentStore>, LoadMemoryError>,
+    pub restore: RestoreStore,
 }
 
 /// What a new store may use besides its settings.

@@ -42,7 +42,9 @@ pub use belief::SegmentBelief;
 pub use error::{LoadMemoryError, MemoryError};
 pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings};
-pub use kind_definitions::{MemoryKindDefinition, NewStore, SavedStore, register_memory_kind};
+pub use kind_definitions::{
+    CreateStore, MemoryKindDefinition, NewStore, RestoreStore, SavedStore, register_memory_kind,
+};
 pub use map::{NewGaussian, SplatMap};
 pub use memory_kind::{MemoryKind, RegisterKindError, RegisteredKind};
 pub use memory_rules::MemoryRules;

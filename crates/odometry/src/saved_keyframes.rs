@@ -145,15 +145,13 @@ pub(crate) fn keyframes_block(keyframes: &[&StoredKeyframe]) -> StateBlock {
     let cameras = || all().map(|keyframe| keyframe.view.intrinsics);
     block.put("size", &[2], cameras().flat_map(|camera| [camera.width as u32, camera.height as u32]));
     block.put("intrinsics", &[4], cameras().flat_map(|camera| [camera.fx, camera.fy, camera.cx, camera.cy]));
-    let parts: [(&str, fn(&StoredKeyframe) -> &[u8]); 3] = [
-        ("grey", |keyframe| &keyframe.view.grey),
-        ("depth", |keyframe| &keyframe.view.depth),
-        ("color", |keyframe| &keyframe.color),
-    ];
-    for (name, part) in parts {
-        block.put(name, &[], all().flat_map(|keyframe| part(keyframe).iter().copied()));
-        block.put(&format!("{name}_offsets"), &[], offsets(all().map(|keyframe| part(keyframe).len())));
-    }
+    let mut put_images = |name: &str, image: fn(&StoredKeyframe) -> &[u8]| {
+        block.put(name, &[], all().flat_map(|keyframe| image(keyframe).iter().copied()));
+        block.put(&format!("{name}_offsets"), &[], offsets(all().map(|keyframe| image(keyframe).len())));
+    };
+    put_images("grey", |keyframe| &keyframe.view.grey);
+    put_images("depth", |keyframe| &keyframe.view.depth);
+    put_images("color", |keyframe| &keyframe.color);
     let features = || all().flat_map(|keyframe| &keyframe.features);
     block.put("feature_points", &[3], features().flat_map(|feature| feature.point));
     block.put("feature_descriptors", &[4], features().flat_map(|feature| feature.descriptor));

@@ -38,8 +38,11 @@ use grid::Grid;
 use network::NetworkMemory;
 use regions::RegionGraph;
 use resolution::ScaledFrame;
-use splatseg_geometry::{CameraFrame, Mask, ScoredMask};
+use splatseg_geometry::{CameraFrame, Mask, ScoredMask, SegmentMap, Segmentation};
 use splatseg_kernels::feature_map::FeatureMap;
+
+/// Log-odds above which regions are merged for the finer cut: what they unite lies in one object for certain.
+const REGION_THRESHOLD: f32 = -0.5;
 
 /// A segmenter with a network, trained on rendered rooms, that predicts which pixels belong to the same object.
 ///
@@ -105,13 +108,22 @@ impl Segmenter for AffinitySegmenter {
         "affinity"
     }
 
-    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         let tree = self.merge_tree(frame)?;
-        let partition = tree.cut(self.settings.threshold.unwrap_or(self.network.threshold));
+        let threshold = self.settings.threshold.unwrap_or(self.network.threshold);
+        let partition = tree.cut(threshold);
+        let fine = tree.cut(threshold.max(REGION_THRESHOLD));
         let start = self.grid.start(0, (self.input.height(), self.input.width()));
-        let segments = upsampling::enlarge(&partition.segments_of_pixels(&tree), &self.input, start);
+        let labels = upsampling::enlarge(tree.labels(), &self.input, start);
         let scaled_size = (self.input.width(), self.input.height());
-        Ok(masks(frame, scaled_size, &segments, &partition.scores, self.settings.min_area.max(1)))
+        let segments: Vec<u32> = labels.iter().map(|label| partition.segment_of_region[*label as usize]).collect();
+        let masks = masks(frame, scaled_size, &segments, &partition.scores, self.settings.min_area.max(1));
+        let (width, height) = (frame.width(), frame.height());
+        let regions = SegmentMap::from_fn(width, height, |column, row| {
+            let (row, column) = (row * scaled_size.1 / height, column * scaled_size.0 / width);
+            fine.segment_of_region[labels[row * scaled_size.0 + column] as usize] + 1
+        });
+        Ok(Segmentation { masks, regions: Some(regions) })
     }
 }
 

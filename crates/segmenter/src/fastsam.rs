@@ -1,7 +1,7 @@
 //! FastSAM as a segmenter. The network itself is in `splatseg-models`.
 
 use crate::{Segmenter, SegmenterError};
-use splatseg_geometry::{CameraFrame, ScoredMask};
+use splatseg_geometry::{CameraFrame, ScoredMask, Segmentation};
 use splatseg_models::fastsam::FastSamPredictor;
 
 /// FastSAM on the frame's colour image. Depth is ignored.
@@ -23,8 +23,9 @@ impl Segmenter for FastSamSegmenter {
     }
 
     /// Returns FastSAM's masks, highest score first. Its boxes are dropped: they are only where it searched for masks.
-    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         let detections = self.predictor.predict(frame.color())?;
-        Ok(detections.into_iter().map(|found| ScoredMask { mask: found.mask, score: found.score }).collect())
+        let masks = detections.into_iter().map(|found| ScoredMask { mask: found.mask, score: found.score });
+        Ok(masks.collect::<Vec<ScoredMask>>().into())
     }
 }

@@ -19,7 +19,7 @@ mod surface;
 pub use settings::{BorderWeights, GraphSettings, PatchSettings, SurfaceSettings};
 
 use crate::{Segmenter, SegmenterError};
-use splatseg_geometry::{CameraFrame, Mask, ScoredMask};
+use splatseg_geometry::{CameraFrame, Mask, ScoredMask, Segmentation};
 
 /// A segmenter that cuts the image where depth, surface orientation and colour change as they do between objects.
 ///
@@ -49,7 +49,7 @@ impl Segmenter for GraphSegmenter {
         "graph"
     }
 
-    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         let settings = &self.settings;
         let scaled = resolution::ScaledFrame::new(frame, settings.max_pixels);
         let lab = color::smoothed_lab(&scaled.color, settings.color_smoothing);
@@ -65,6 +65,7 @@ impl Segmenter for GraphSegmenter {
             }
         }
         let scored = masks.into_iter().zip(regions.scores).map(|(mask, score)| ScoredMask { mask, score });
-        Ok(scored.filter(|scored| scored.mask.area() >= settings.min_area.max(1)).collect())
+        let large = scored.filter(|scored| scored.mask.area() >= settings.min_area.max(1));
+        Ok(large.collect::<Vec<ScoredMask>>().into())
     }
 }

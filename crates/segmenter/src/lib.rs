@@ -21,7 +21,7 @@ pub use fastsam::FastSamSegmenter;
 pub use graph::{BorderWeights, GraphSegmenter, GraphSettings, PatchSettings, SurfaceSettings};
 pub use masks::MaskFolder;
 
-use splatseg_geometry::{CameraFrame, ScoredMask};
+use splatseg_geometry::{CameraFrame, Segmentation};
 
 /// Segments single frames.
 ///
@@ -30,12 +30,12 @@ pub trait Segmenter: Send {
     /// A short name for tables and summaries, e.g. `graph`.
     fn name(&self) -> &str;
 
-    /// Returns the segments of `frame`: masks of the frame's size, in any order, possibly overlapping. Empty masks are
-    /// left out, so the list is empty if nothing was found.
+    /// Returns the segments of `frame`. Empty masks are left out, so the list is empty if nothing was found. A segmenter that
+    /// knows only masks returns `masks.into()`.
     ///
     /// # Errors
     /// [`SegmenterError`] if the frame cannot be segmented.
-    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError>;
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError>;
 }
 
 #[cfg(doctest)]

@@ -4,7 +4,7 @@ use crate::{Segmenter, SegmenterError};
 use splatseg_annotations::{MaskFileError, read_mask_file};
 use splatseg_dataset::{Framing, ImageSize, padded_number, read_segments_png, unpadded_number};
 use splatseg_files::{MemoryLimit, read_file};
-use splatseg_geometry::{CameraFrame, Mask, ScoredMask};
+use splatseg_geometry::{CameraFrame, Mask, ScoredMask, Segmentation};
 use splatseg_settings::SettingError;
 use std::path::{Path, PathBuf};
 
@@ -79,7 +79,7 @@ impl Segmenter for MaskFolder {
         "masks"
     }
 
-    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         // Frame names may contain dots, so the extension is appended instead of replaced.
         let places = |name: &str| ["png", "json"].map(|extension| self.folder.join(format!("{name}.{extension}")));
         let names = [frame.name(), &padded_number(frame.name()), unpadded_number(frame.name())];
@@ -89,13 +89,14 @@ impl Segmenter for MaskFolder {
         let memory_limit = self.memory_limit.unwrap_or_else(MemoryLimit::in_force);
         let read =
             |path| FrameMasks { path, framing: self.framing, frame_size, memory_limit, masks: Vec::new(), bytes: 0 };
-        if png.exists() {
+        let masks = if png.exists() {
             read(&png).read_ids()
         } else if json.exists() {
             read(&json).read_annotations()
         } else {
             Err(SegmenterError::MissingFrame { frame: frame.name().to_owned(), png, json })
-        }
+        };
+        masks.map(Segmentation::from)
     }
 }
 

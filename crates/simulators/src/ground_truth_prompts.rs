@@ -1,7 +1,7 @@
 //! Prompts from the ground truth (`docs/PAPER.md`, "SAM2-Splat", step 4).
 
 use crate::{GroundTruthSource, SimulatorError};
-use splatseg_geometry::{CameraFrame, Mask, ScoredMask, SegmentId};
+use splatseg_geometry::{CameraFrame, Mask, ScoredMask, SegmentId, Segmentation};
 use splatseg_segmenter::{Segmenter, SegmenterError};
 use std::collections::BTreeSet;
 
@@ -29,12 +29,13 @@ impl Segmenter for GroundTruthPrompts {
     }
 
     /// Returns masks by increasing id of the objects, with scores of 1.
-    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         let truth = self.truth.ground_truth(frame)?;
         SimulatorError::check_size(frame, truth.size())?;
         let mut objects = Mask::of_segments(&truth);
         objects.retain(|(id, mask)| mask.area() >= self.min_area && self.seen.insert(*id));
-        Ok(objects.into_iter().map(|(_, mask)| ScoredMask { mask, score: 1.0 }).collect())
+        let masks = objects.into_iter().map(|(_, mask)| ScoredMask { mask, score: 1.0 });
+        Ok(masks.collect::<Vec<ScoredMask>>().into())
     }
 }
 
@@ -61,7 +62,7 @@ mod tests {
         };
         let mut prompts = GroundTruthPrompts::new(truth, 2);
         let mut areas = |name: &str| -> Vec<usize> {
-            prompts.segment(&frame(name)).unwrap().iter().map(|found| found.mask.area()).collect()
+            prompts.segment(&frame(name)).unwrap().masks.iter().map(|found| found.mask.area()).collect()
         };
         assert_eq!(areas("0"), [2], "object 3 is a sliver");
         assert_eq!(areas("1"), [2], "object 3 is large enough");

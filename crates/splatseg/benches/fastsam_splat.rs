@@ -6,12 +6,12 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use splatseg::dataset::{DatasetSettings, FrameStream, GroundTruth, ImageSize, Scene, open_scene};
-use splatseg::geometry::ScoredMask;
 use splatseg::memory::MemoryKind;
 use splatseg::pipeline::StageTimes;
 use splatseg::segmenter::{GraphSegmenter, GraphSettings, SegmenterError};
 use splatseg::tracking::{FastSamSplat, FastSamSplatSettings};
 use splatseg::{CameraFrame, Pipeline, RgbdFrame, Segmenter};
+use splatseg_geometry::Segmentation;
 use splatseg_test_scenes::shared;
 use std::sync::Arc;
 use std::time::Duration;
@@ -25,7 +25,7 @@ fn scene(settings: &DatasetSettings) -> Arc<dyn Scene> {
 }
 
 /// Segments every frame of the scene.
-fn segmented_frames() -> Vec<(RgbdFrame<'static>, Vec<ScoredMask>)> {
+fn segmented_frames() -> Vec<(RgbdFrame<'static>, Segmentation)> {
     let resize = Some(ImageSize { width: 320, height: 240 });
     let settings = DatasetSettings::default().with(|settings| {
         settings.resize = resize;
@@ -43,23 +43,23 @@ fn segmented_frames() -> Vec<(RgbdFrame<'static>, Vec<ScoredMask>)> {
 }
 
 /// A segmenter that returns precomputed masks.
-struct Prepared(std::vec::IntoIter<Vec<ScoredMask>>);
+struct Prepared(std::vec::IntoIter<Segmentation>);
 
 impl Segmenter for Prepared {
     fn name(&self) -> &str {
         "prepared"
     }
 
-    fn segment(&mut self, _: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, _: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         Ok(self.0.next().unwrap_or_default())
     }
 }
 
 /// Tracks the whole video. Returns the summed stage times and the time of the slowest frame.
-fn track(frames: &[(RgbdFrame<'static>, Vec<ScoredMask>)], kind: MemoryKind) -> (StageTimes, Duration) {
+fn track(frames: &[(RgbdFrame<'static>, Segmentation)], kind: MemoryKind) -> (StageTimes, Duration) {
     let settings = FastSamSplatSettings::default().with(|settings| settings.memory.kind = kind);
     let method = FastSamSplat::new(settings, 0, &mut |_| {}).expect("defaults are in range");
-    let masks: Vec<Vec<ScoredMask>> = frames.iter().map(|(_, masks)| masks.clone()).collect();
+    let masks: Vec<Segmentation> = frames.iter().map(|(_, masks)| masks.clone()).collect();
     let mut pipeline = Pipeline::new(Box::new(Prepared(masks.into_iter())), Box::new(method));
     let (mut times, mut slowest) = (StageTimes::default(), Duration::ZERO);
     for (frame, _) in frames {
@@ -70,7 +70,7 @@ fn track(frames: &[(RgbdFrame<'static>, Vec<ScoredMask>)], kind: MemoryKind) -> 
     (times, slowest)
 }
 
-fn print_stages(frames: &[(RgbdFrame<'static>, Vec<ScoredMask>)], kind: MemoryKind) {
+fn print_stages(frames: &[(RgbdFrame<'static>, Segmentation)], kind: MemoryKind) {
     let (times, slowest) = track(frames, kind);
     let count = frames.len() as f64;
     for (stage, time) in &times.stages()[1..] {

@@ -25,6 +25,8 @@ pub use splatseg_segmenter as segmenter;
 pub use splatseg_simulators as simulators;
 pub use splatseg_tracking as tracking;
 
-pub use splatseg_geometry::{CameraFrame, Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
+pub use splatseg_geometry::{
+    CameraFrame, Image, Intrinsics, Mask, Pose, RgbdFrame, ScoredMask, SegmentId, SegmentMap, Segmentation,
+};
 pub use splatseg_segmenter::Segmenter;
 pub use splatseg_tracking::{FrameOutput, Method, Tracker};

@@ -76,10 +76,10 @@ mod tests {
             ((100_000, 2), (319, 1)),
             ((1, 1), (1, 1)),
         ] {
-            let image = decoded(&encoded(&room(size.0, size.1).into())).unwrap();
+            let image = decoded(&encoded(&room(size.0, size.1))).unwrap();
             assert_eq!(image.size(), expected, "{size:?}");
         }
-        let image = decoded(&encoded(&room(640, 480).into())).unwrap();
+        let image = decoded(&encoded(&room(640, 480))).unwrap();
         let expected = room(320, 240);
         let differences = image.pixels().as_flattened().iter().zip(expected.pixels().as_flattened());
         assert!(differences.map(|(one, other)| one.abs_diff(*other)).max() < Some(8));
@@ -87,7 +87,7 @@ mod tests {
 
     #[test]
     fn other_files_are_no_images() {
-        let file = encoded(&room(64, 48).into());
+        let file = encoded(&room(64, 48));
         assert!(is_possible(&file) && !is_possible(&[]) && !is_possible(b"text"));
         let mut large = Vec::new();
         let pixels = vec![0; 3 * 400 * 10];

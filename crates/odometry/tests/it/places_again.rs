@@ -106,15 +106,16 @@ fn load(bytes: &[u8]) -> Result<TrackedPoses, String> {
 
 #[test]
 fn damaged_keyframes_are_refused() {
+    type Change = fn(&mut StateBlock);
     let block = saved_keyframes();
-    let refused = |change: fn(&mut StateBlock)| {
+    let refused = |change: Change| {
         let mut changed = block.clone();
         change(&mut changed);
         load(&changed.to_bytes().unwrap()).err().unwrap_or_default()
     };
     assert_eq!(refused(|_| ()), "");
     assert_eq!(refused(|block| block.put("of_a_later_version", &[2], [1.5f32, 2.0])), "");
-    let changes: [(fn(&mut StateBlock), &str); 10] = [
+    let changes: [(Change, &str); 10] = [
         (|block| block.put("size", &[2], [100u32, 120]), "keyframe 0: image cannot be read"),
         (|block| block.put("size", &[2], [u32::MAX, 7]), "pixels, expected at most 200 columns"),
         (|block| block.put("id", &[], [7u32]), "keyframe 7 occurs twice or was never made"),

@@ -61,6 +61,11 @@ impl MergeTree {
         &self.labels[row * self.width..][..self.width]
     }
 
+    /// The region of each pixel of the half-size image, row-major.
+    pub(super) fn labels(&self) -> &[u32] {
+        &self.labels
+    }
+
     /// Returns the segments after all merges with a mean above `threshold`.
     pub fn cut(&self, threshold: f32) -> Partition {
         let mut parents: Vec<u32> = (0..self.inner.len() as u32).collect();
@@ -85,13 +90,6 @@ impl MergeTree {
             }
         }
         Partition { segment_of_region, scores }
-    }
-}
-
-impl Partition {
-    /// The segment of each pixel of the half-size image, row-major.
-    pub(super) fn segments_of_pixels(&self, tree: &MergeTree) -> Vec<u32> {
-        tree.labels.iter().map(|region| self.segment_of_region[*region as usize]).collect()
     }
 }
 

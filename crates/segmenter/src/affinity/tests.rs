@@ -215,7 +215,7 @@ fn threads_do_not_change_a_bit() {
             settings.max_pixels = 3000;
         });
         let mut segmenter = AffinitySegmenter::new(AffinityNetwork::built_in().unwrap(), settings).unwrap();
-        pool.install(|| segmenter.segment(&frame).unwrap())
+        pool.install(|| segmenter.segment(&frame).unwrap().masks)
     };
     let alone = segment(1);
     assert!(!alone.is_empty());

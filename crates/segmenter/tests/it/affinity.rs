@@ -11,7 +11,7 @@ fn frame(color: Image<[u8; 3]>, depth: Image<f32>) -> RgbdFrame<'static> {
 }
 
 fn segment(frame: &RgbdFrame, settings: AffinitySettings) -> Vec<ScoredMask> {
-    AffinitySegmenter::new(AffinityNetwork::built_in().unwrap(), settings).unwrap().segment(frame).unwrap()
+    AffinitySegmenter::new(AffinityNetwork::built_in().unwrap(), settings).unwrap().segment(frame).unwrap().masks
 }
 
 /// A box in front of a wall, 320×240 times `scale`.

@@ -21,7 +21,7 @@ fn cropped(frame: &CameraFrame<'_>, border: usize) -> CameraFrame<'static> {
 fn interior(segmenter: &mut AffinitySegmenter, frame: &CameraFrame<'_>, border: usize) -> Image<u64> {
     let frame = cropped(frame, border);
     let mut segments = Image::filled(frame.width(), frame.height(), 0);
-    for (index, scored) in segmenter.segment(&frame).unwrap().iter().enumerate() {
+    for (index, scored) in segmenter.segment(&frame).unwrap().masks.iter().enumerate() {
         scored.mask.pixel_indices().for_each(|pixel| segments.pixels_mut()[pixel] = index as u64 + 1);
     }
     segments.crop_border(MOST - border)

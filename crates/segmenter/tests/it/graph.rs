@@ -20,7 +20,7 @@ fn frame(color: Image<[u8; 3]>, depth: Image<f32>) -> RgbdFrame<'static> {
 }
 
 fn segment(frame: &RgbdFrame, settings: GraphSettings) -> Vec<ScoredMask> {
-    GraphSegmenter::new(settings).unwrap().segment(frame).unwrap()
+    GraphSegmenter::new(settings).unwrap().segment(frame).unwrap().masks
 }
 
 /// A small deterministic random number generator with values in [-1, 1].

@@ -21,7 +21,7 @@ fn folder(extension: &str, content: &[u8]) -> TempDir {
 }
 
 fn read(folder: &Path, framing: Framing, size: (usize, usize)) -> Result<Vec<ScoredMask>, SegmenterError> {
-    MaskFolder::open(folder, framing).unwrap().segment(&frame("7", size.0, size.1))
+    MaskFolder::open(folder, framing).unwrap().segment(&frame("7", size.0, size.1)).map(|found| found.masks)
 }
 
 fn read_json(text: &str) -> Result<Vec<ScoredMask>, SegmenterError> {
@@ -56,7 +56,7 @@ fn eight_bit_ids_and_dotted_frame_names_are_read() {
     let folder = TempDir::new().unwrap();
     ImageBuffer::<Luma<u8>, _>::from_pixel(3, 2, Luma([255])).save(folder.path().join("a.b.color.png")).unwrap();
     let mut segmenter = MaskFolder::open(folder.path(), Framing::default()).unwrap();
-    assert_eq!(segmenter.segment(&frame("a.b.color", 3, 2)).unwrap()[0].mask.area(), 6);
+    assert_eq!(segmenter.segment(&frame("a.b.color", 3, 2)).unwrap().masks[0].mask.area(), 6);
     assert_eq!(segmenter.name(), "masks");
 }
 
@@ -231,7 +231,7 @@ fn masks_of_one_frame_stay_within_the_memory_limit() {
     let file = folder("json", rectangles(200, 256).as_bytes());
     let segment = |limit: u64| {
         let mut masks = MaskFolder::open(file.path(), Framing::default()).unwrap().with_memory_limit(limit);
-        masks.segment(&frame("7", 256, 256))
+        masks.segment(&frame("7", 256, 256)).map(|found| found.masks)
     };
     assert_eq!(segment(10_000_000).unwrap().len(), 200);
     let error = segment(100_000).unwrap_err();

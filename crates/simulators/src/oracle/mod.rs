@@ -20,7 +20,7 @@ use merge::merged;
 use outline::{BoundaryJitter, blob};
 use rand::RngExt;
 use rayon::prelude::*;
-use splatseg_geometry::{CameraFrame, Mask, ScoredMask, SegmentId, SegmentMap};
+use splatseg_geometry::{CameraFrame, Mask, ScoredMask, SegmentId, SegmentMap, Segmentation};
 use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_settings::SettingError;
 use split::split;
@@ -124,11 +124,11 @@ impl Segmenter for OracleSegmenter {
         "oracle"
     }
 
-    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         let truth = self.truth.ground_truth(frame)?;
         SimulatorError::check_size(frame, truth.size())?;
         let chance = FrameChance { run: self.chance, frame: frame.name() };
-        Ok(FrameWithErrors { truth: &truth, model: self.model, chance }.masks())
+        Ok(FrameWithErrors { truth: &truth, model: self.model, chance }.masks().into())
     }
 }
 

@@ -20,7 +20,7 @@ fn segmented(truth: &SegmentMap, settings: &OracleSettings, frames: usize) -> Ve
     let mut oracle = OracleSegmenter::new(move |_: &CameraFrame| Ok(labels.clone()), settings, 7).unwrap();
     (0..frames)
         .map(|number| {
-            let scored = oracle.segment(&frame(&number.to_string(), truth.size())).unwrap();
+            let scored = oracle.segment(&frame(&number.to_string(), truth.size())).unwrap().masks;
             scored.into_iter().map(|scored| scored.mask).collect()
         })
         .collect()
@@ -72,7 +72,7 @@ fn without_errors_the_masks_are_the_truth_after_any_resizing_and_cropping() {
         for streamed in FrameStream::open(scene, &dataset, GroundTruth::Read).unwrap() {
             let streamed = streamed.unwrap();
             let expected = Mask::of_segments(&streamed.ground_truth.unwrap());
-            let masks = oracle.segment(&streamed.frame).unwrap();
+            let masks = oracle.segment(&streamed.frame).unwrap().masks;
             let expected: Vec<ScoredMask> =
                 expected.into_iter().map(|(_, mask)| ScoredMask { mask, score: 1.0 }).collect();
             assert_eq!(masks, expected);
@@ -274,7 +274,9 @@ fn masks_do_not_depend_on_the_order_of_frames_or_on_threads() {
         let mut oracle = OracleSegmenter::new(truth, &settings, seed).unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         let mut results = vec![Vec::new(); 6];
-        pool.install(|| order.iter().for_each(|index| results[*index] = oracle.segment(&frames[*index]).unwrap()));
+        pool.install(|| {
+            order.iter().for_each(|index| results[*index] = oracle.segment(&frames[*index]).unwrap().masks)
+        });
         results
     };
     let expected = run(&[0, 1, 2, 3, 4, 5], 1, 5);

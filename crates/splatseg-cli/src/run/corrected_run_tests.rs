@@ -11,7 +11,7 @@ use splatseg::summary::Summary;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{Scene, read_segments_png};
 use splatseg_geometry::{
-    CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, RemappedId, RgbdFrame, ScoredMask, SegmentId,
+    CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, RemappedId, RgbdFrame, SegmentId, Segmentation,
 };
 use splatseg_memory::SplatMemory;
 use splatseg_odometry::{CameraPose, KeyframePlace, PoseInput, PoseSource, PoseSourceError, PoseUpdate};
@@ -84,12 +84,12 @@ impl Method for ScriptedMethod {
         "scripted"
     }
 
-    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+    fn process(&mut self, frame: &RgbdFrame, found: &Segmentation) -> Result<FrameOutput, TrackingError> {
         let number = number(frame.name());
         if self.fails_at == Some(number) {
             return Err(TrackingError::TooManyMasks { found: 0, limit: 0 });
         }
-        let mut output = self.method.process(frame, masks)?;
+        let mut output = self.method.process(frame, found)?;
         if DOUBLED.contains(&number) {
             let width = output.segments.width();
             for (index, id) in output.segments.pixels_mut().iter_mut().enumerate() {

@@ -6,6 +6,9 @@ use splatseg_settings::{Field, SettingError};
 use std::fmt;
 use toml::Table;
 
+/// Reads the settings of a part from a table of checked values.
+pub(super) type ReadSection<T> = fn(&Table) -> Result<Box<dyn AnySection<T>>, SettingError>;
+
 /// A row in the table of a kind of part. `T` is what is built, e.g. `dyn Segmenter`.
 pub struct Part<T: ?Sized> {
     /// The name that chooses the part.
@@ -23,7 +26,7 @@ pub struct Part<T: ?Sized> {
     /// Its settings.
     pub fields: fn() -> Vec<Field>,
     /// Reads its settings from a table of checked values.
-    pub(super) read: fn(&Table) -> Result<Box<dyn AnySection<T>>, SettingError>,
+    pub(super) read: ReadSection<T>,
 }
 
 impl<T: ?Sized> Part<T> {

@@ -13,7 +13,7 @@ use toml::Table;
 /// ```
 /// use splatseg::parts::{PartContext, PartError, PartFiles, PartSection};
 /// use splatseg::segmenter::{Segmenter, SegmenterError};
-/// use splatseg::{CameraFrame, Mask, ScoredMask};
+/// use splatseg::{CameraFrame, Mask, ScoredMask, Segmentation};
 /// use splatseg_settings::{Allowed, settings};
 ///
 /// settings! {
@@ -31,12 +31,12 @@ use toml::Table;
 ///         "near"
 ///     }
 ///
-///     fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+///     fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
 ///         let mask = Mask::from_fn(frame.width(), frame.height(), |column, row| {
 ///             let depth = frame.depth()[(column, row)];
 ///             depth > 0.0 && depth < self.0
 ///         });
-///         Ok(vec![ScoredMask { mask, score: 1.0 }])
+///         Ok(vec![ScoredMask { mask, score: 1.0 }].into())
 ///     }
 /// }
 ///

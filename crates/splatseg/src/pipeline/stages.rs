@@ -2,7 +2,7 @@
 
 use super::stage_times::StageClock;
 use super::{FrameResult, PipelineError};
-use splatseg_geometry::{CameraFrame, FrameAnchor, RgbdFrame, ScoredMask};
+use splatseg_geometry::{CameraFrame, FrameAnchor, RgbdFrame, Segmentation};
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::ObjectLog;
 use splatseg_odometry::{CameraPose, PoseState};
@@ -10,9 +10,9 @@ use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_tracking::Method;
 use std::time::{Duration, Instant};
 
-/// The masks of a frame, and the segmenter's time.
+/// What the segmenter has found in a frame, and its time.
 pub(super) struct Segmented {
-    masks: Result<Vec<ScoredMask>, SegmenterError>,
+    found: Result<Segmentation, SegmenterError>,
     time: Duration,
 }
 
@@ -38,29 +38,29 @@ pub(super) fn timed<R>(work: impl FnOnce() -> R) -> (R, Duration) {
 
 /// Segments a frame.
 pub(super) fn segment(segmenter: &mut dyn Segmenter, frame: &CameraFrame) -> Segmented {
-    let (masks, time) = timed(|| segmenter.segment(frame));
-    Segmented { masks, time }
+    let (found, time) = timed(|| segmenter.segment(frame));
+    Segmented { found, time }
 }
 
-/// Passes a frame and its masks to the method.
+/// Passes a frame and what the segmenter has found in it to the method.
 pub(super) fn process(
     method: &mut dyn Method,
     clock: &StageClock,
     objects: &mut ObjectLog,
     frame: &RgbdFrame,
     Placed { pose, anchor, time: pose_time }: Placed,
-    Segmented { masks, time }: Segmented,
+    Segmented { found, time }: Segmented,
 ) -> Result<FrameResult, PipelineError> {
     let name = || frame.name().to_owned();
-    let masks = masks.map_err(|source| match source {
+    let found = found.map_err(|source| match source {
         SegmenterError::FastSam(FastSamError::Device { .. }) | SegmenterError::Device { .. } => {
             PipelineError::DeviceFailed { frame: name(), source: Box::new(source) }
         }
         source => PipelineError::Segmenter { frame: name(), source: Box::new(source) },
     })?;
     let (output, mut times) = clock.time(|| match pose.state {
-        PoseState::Lost => method.process_without_pose(frame, &masks),
-        _ => method.process(frame, &masks),
+        PoseState::Lost => method.process_without_pose(frame, &found),
+        _ => method.process(frame, &found),
     });
     let output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;
     times.add("segment", time);

@@ -14,7 +14,9 @@ use splatseg::settings::{
     SegmenterSettings, SettingsError, SettingsLayers, TrackerSettings, describe_settings, entries, register_namer,
     register_segmenter, register_tracker,
 };
-use splatseg::{CameraFrame, Mask, Pipeline, ScoredMask, SegmentId, SegmentMap, Segmenter, Settings, Tracker};
+use splatseg::{
+    CameraFrame, Mask, Pipeline, ScoredMask, SegmentId, SegmentMap, Segmentation, Segmenter, Settings, Tracker,
+};
 use splatseg_settings::{Allowed, settings};
 use std::collections::BTreeSet;
 use std::error::Error;
@@ -56,7 +58,7 @@ impl Segmenter for Near {
         "near"
     }
 
-    fn segment(&mut self, frame: &CameraFrame) -> Result<Vec<ScoredMask>, SegmenterError> {
+    fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         let (width, height) = (frame.width(), frame.height());
         let middle = if self.0.halves { width / 2 } else { width };
         let is_near = |column, row| {
@@ -65,7 +67,8 @@ impl Segmenter for Near {
         };
         let halves = [0..middle, middle..width]
             .map(|half| Mask::from_fn(width, height, |column, row| half.contains(&column) && is_near(column, row)));
-        Ok(halves.into_iter().filter(|mask| !mask.is_empty()).map(|mask| ScoredMask { mask, score: 1.0 }).collect())
+        let masks = halves.into_iter().filter(|mask| !mask.is_empty()).map(|mask| ScoredMask { mask, score: 1.0 });
+        Ok(masks.collect::<Vec<_>>().into())
     }
 }
 

@@ -1,8 +1,10 @@
 //! One-to-one matching of expected and predicted segments (`docs/PAPER.md`, "FastSAM-Splat", step 3).
 
 mod painting;
+mod regions;
 
 pub(crate) use painting::{painted, painted_parts, visible_parts};
+pub(crate) use regions::decided_by_regions;
 
 use rayon::prelude::*;
 use splatseg_geometry::{Candidate, Mask, Ratio, SegmentId, SegmentMap, best_assignment};

@@ -4,7 +4,7 @@ use super::output::confidence;
 use super::{FrameOutput, Method, check_comparable};
 use crate::matching::painted;
 use crate::{TrackErrorCounts, TrackingError};
-use splatseg_geometry::{MAX_SEGMENT_ID, Mask, MaskLinker, MaskRuns, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId};
+use splatseg_geometry::{MAX_SEGMENT_ID, Mask, MaskLinker, MaskRuns, RgbdFrame, STAGE_TARGET, SegmentId, Segmentation};
 use splatseg_memory::FrameUpdate;
 use splatseg_settings::{Allowed, settings};
 
@@ -45,12 +45,12 @@ impl Method for FastSamBaseline {
         "fastsam"
     }
 
-    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_comparable(frame, masks)?;
+    fn process(&mut self, frame: &RgbdFrame, found: &Segmentation) -> Result<FrameOutput, TrackingError> {
+        check_comparable(frame, found)?;
         let size = (frame.width(), frame.height());
         let least = self.settings.min_area.max(1);
         let (masks, scores): (Vec<&Mask>, Vec<f32>) =
-            masks.iter().filter(|mask| mask.mask.area() >= least).map(|mask| (&mask.mask, mask.score)).unzip();
+            found.masks.iter().filter(|mask| mask.mask.area() >= least).map(|mask| (&mask.mask, mask.score)).unzip();
 
         let stage = tracing::debug_span!(target: STAGE_TARGET, "match").entered();
         let tubes = self.linker.link(masks.iter().map(|mask| MaskRuns::from_mask(mask)).collect());

@@ -2,10 +2,11 @@
 
 use super::output::confidence;
 use super::{FrameOutput, Method, check_sizes};
-use crate::matching::{match_segments, painted_parts, visible_parts};
+use crate::matching::{decided_by_regions, match_segments, painted_parts, visible_parts};
 use crate::{TrackErrorCounts, TrackingError};
 use splatseg_geometry::{
     FrameAnchor, MapCorrection, Mask, RemappedId, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap,
+    Segmentation,
 };
 use splatseg_memory::{FrameUpdate, MemorySettings, Recall, SplatMemory};
 use splatseg_settings::{Allowed, settings};
@@ -29,6 +30,9 @@ settings! {
         /// The memory contradicts a prediction that it did not expect if fusion leaves less than this fraction of it.
         /// Contradicted predictions are not shown, and their votes weigh less (`memory.contradicted_weight`).
         min_new_fraction: f32 = 0.7, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
+        /// Each region of the segmenter's finer cut shows one id, that of most of its pixels, if the segmenter has such
+        /// regions (`affinity`). The paper: false.
+        regions_decide: bool = true, Allowed::Switch, only "memory.kind = evidence";
     }
     sections {
         /// The memory.
@@ -83,6 +87,7 @@ impl FastSamSplat {
             settings.min_match_f_score = 0.0;
             settings.min_visible_fraction = 0.0;
             settings.min_new_fraction = 0.0;
+            settings.regions_decide = false;
         }
         Ok(Self { memory, settings })
     }
@@ -176,12 +181,12 @@ impl Method for FastSamSplat {
         "fastsam-splat"
     }
 
-    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_sizes(frame, masks)?;
+    fn process(&mut self, frame: &RgbdFrame, segmentation: &Segmentation) -> Result<FrameOutput, TrackingError> {
+        check_sizes(frame, segmentation)?;
         let recall = self.memory.recall(frame);
 
         let stage = tracing::debug_span!(target: STAGE_TARGET, "match").entered();
-        let found = self.visible(frame, masks);
+        let found = self.visible(frame, &segmentation.masks);
         let Identified { ids, unexpected } = self.identify(&recall, &found)?;
         drop(stage);
 
@@ -190,7 +195,11 @@ impl Method for FastSamSplat {
         let mut predicted = painted_parts(expected.size(), ids.iter().copied().zip(&found.parts));
         let fused = self.memory.fuse(&recall, &predicted)?;
         let mut contradicted = self.contradicted(&unexpected, &predicted, &fused);
-        let mut segments = without_contradicted(fused, expected, &contradicted).without_small(self.settings.min_area);
+        let mut segments = without_contradicted(fused, expected, &contradicted);
+        if let Some(regions) = segmentation.regions.as_ref().filter(|_| self.settings.regions_decide) {
+            segments = decided_by_regions(&segments, regions);
+        }
+        segments = segments.without_small(self.settings.min_area);
         let scores = ids.iter().copied().zip(found.scores).collect();
         let confidence = confidence(&segments, &scores, Some(recall.expected()));
         drop(stage);
@@ -217,9 +226,13 @@ impl Method for FastSamSplat {
         })
     }
 
-    fn process_without_pose(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_sizes(frame, masks)?;
-        let found = self.visible(frame, masks);
+    fn process_without_pose(
+        &mut self,
+        frame: &RgbdFrame,
+        segmentation: &Segmentation,
+    ) -> Result<FrameOutput, TrackingError> {
+        check_sizes(frame, segmentation)?;
+        let found = self.visible(frame, &segmentation.masks);
         let parts: Vec<&Mask> = found.parts.iter().collect();
         let size = (frame.width(), frame.height());
         let latest = self.memory.latest_ids().filter(|latest| latest.size() == size);

@@ -8,7 +8,7 @@ use crate::{TrackErrorCounts, TrackingError};
 use glam::{DVec3, Vec2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use splatseg_geometry::{Mask, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId};
+use splatseg_geometry::{Mask, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, Segmentation};
 use splatseg_memory::FrameUpdate;
 use splatseg_models::fastsam::masks_at;
 use splatseg_settings::{Allowed, settings};
@@ -135,12 +135,12 @@ impl Method for FastSpamBaseline {
         "fastspam"
     }
 
-    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_comparable(frame, masks)?;
-        let scored = masks;
+    fn process(&mut self, frame: &RgbdFrame, found: &Segmentation) -> Result<FrameOutput, TrackingError> {
+        check_comparable(frame, found)?;
+        let scored = &found.masks;
         let stage = tracing::debug_span!(target: STAGE_TARGET, "match").entered();
         let least = self.settings.min_area.max(1);
-        let mut masks: Vec<&Mask> = masks.iter().map(|mask| &mask.mask).filter(|mask| mask.area() >= least).collect();
+        let mut masks: Vec<&Mask> = scored.iter().map(|mask| &mask.mask).filter(|mask| mask.area() >= least).collect();
         masks.sort_by_key(|mask| Reverse(mask.area()));
         let points = self.projected_points(frame);
         let mut segments = if points.is_empty() {

@@ -16,7 +16,8 @@ pub use sam2_splat::{Sam2Splat, Sam2SplatSettings};
 
 use crate::TrackingError;
 use splatseg_geometry::{
-    FrameAnchor, MAX_SEGMENT_ID, MapCorrection, MapView, RemappedId, RgbdFrame, ScoredMask, SegmentId,
+    FrameAnchor, MAX_SEGMENT_ID, MapCorrection, MapView, RemappedId, RgbdFrame, ScoredMask, SegmentId, SegmentMap,
+    Segmentation,
 };
 use splatseg_memory::SplatMemory;
 use std::collections::BTreeSet;
@@ -28,20 +29,28 @@ pub trait Method: Send {
     /// Name in tables and on the command line, e.g. `fastsam-splat`.
     fn name(&self) -> &str;
 
-    /// Processes the next frame and the masks that a segmenter found in it, and returns the object that each pixel
-    /// shows. Masks have the frame's size and may overlap.
+    /// Processes the next frame and what a segmenter found in it, and returns the object that each pixel shows. Masks have
+    /// the frame's size and may overlap.
     ///
     /// # Errors
     /// E.g. [`TrackingError::MaskSize`] if a mask does not have the frame's size.
-    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError>;
+    fn process(&mut self, frame: &RgbdFrame, found: &Segmentation) -> Result<FrameOutput, TrackingError>;
+
+    /// As [`Self::process`], with masks from a segmenter that knows no regions.
+    ///
+    /// # Errors
+    /// As [`Self::process`].
+    fn process_masks(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
+        self.process(frame, &masks.to_vec().into())
+    }
 
     /// Processes a frame whose pose is unknown, because tracking of the camera is lost; the frame has the last known pose.
     /// Ids are linked in the image, and a memory learns nothing. By default the frame is processed like any other.
     ///
     /// # Errors
     /// As [`Self::process`].
-    fn process_without_pose(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        self.process(frame, masks)
+    fn process_without_pose(&mut self, frame: &RgbdFrame, found: &Segmentation) -> Result<FrameOutput, TrackingError> {
+        self.process(frame, found)
     }
 
     /// Sets the keyframe to which the surfaces of the next frame are attached.
@@ -68,17 +77,18 @@ pub trait Method: Send {
 const MAX_COMPARED_MASKS: usize = 2048;
 
 /// As [`check_sizes`], for methods that compare masks with each other.
-fn check_comparable(frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<(), TrackingError> {
-    if masks.len() > MAX_COMPARED_MASKS {
-        return Err(TrackingError::TooManyMasks { found: masks.len(), limit: MAX_COMPARED_MASKS });
+fn check_comparable(frame: &RgbdFrame, found: &Segmentation) -> Result<(), TrackingError> {
+    if found.masks.len() > MAX_COMPARED_MASKS {
+        return Err(TrackingError::TooManyMasks { found: found.masks.len(), limit: MAX_COMPARED_MASKS });
     }
-    check_sizes(frame, masks)
+    check_sizes(frame, found)
 }
 
-/// Checks that every mask has the frame's size.
-fn check_sizes(frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<(), TrackingError> {
+/// Checks that every mask, and the map of regions, has the frame's size.
+fn check_sizes(frame: &RgbdFrame, found: &Segmentation) -> Result<(), TrackingError> {
     let expected = (frame.width(), frame.height());
-    match masks.iter().map(|mask| (mask.mask.width(), mask.mask.height())).find(|found| *found != expected) {
+    let sizes = found.masks.iter().map(|mask| (mask.mask.width(), mask.mask.height()));
+    match sizes.chain(found.regions.as_ref().map(SegmentMap::size)).find(|found| *found != expected) {
         Some(found) => Err(TrackingError::MaskSize { found, expected }),
         None => Ok(()),
     }

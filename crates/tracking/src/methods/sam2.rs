@@ -5,7 +5,7 @@ use super::{FrameOutput, Method, SegmentIds, check_comparable};
 use crate::matching::painted;
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, visible};
 use crate::{TrackErrorCounts, TrackingError};
-use splatseg_geometry::{RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId};
+use splatseg_geometry::{RgbdFrame, STAGE_TARGET, SegmentId, Segmentation};
 use splatseg_memory::FrameUpdate;
 use splatseg_settings::{Allowed, Choice, settings};
 use std::collections::BTreeSet;
@@ -49,11 +49,11 @@ impl Method for Sam2Baseline {
         "sam2"
     }
 
-    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_comparable(frame, masks)?;
+    fn process(&mut self, frame: &RgbdFrame, found: &Segmentation) -> Result<FrameOutput, TrackingError> {
+        check_comparable(frame, found)?;
         let stage = tracing::debug_span!(target: STAGE_TARGET, "track").entered();
         let mut tracks = self.tracker.track(frame)?;
-        let new_objects = self.new_objects.among(&tracks, masks);
+        let new_objects = self.new_objects.among(&tracks, &found.masks);
         let live: BTreeSet<SegmentId> = tracks.iter().map(|(id, _)| *id).collect();
         let ids: Vec<SegmentId> = new_objects.iter().map(|_| self.ids.new_segment(|id| live.contains(&id))).collect();
         let unused = add_tracks(self.tracker.as_mut(), &mut tracks, &new_objects, &ids)?;

@@ -13,6 +13,7 @@ use crate::reprompting::{RepromptSettings, TrackErrorCounts, corrections, find_t
 use crate::trackers::{NewObjects, PromptSource, Tracker, add_tracks, prompt_tracks, remove_tracks, visible};
 use splatseg_geometry::{
     FrameAnchor, Image, MapCorrection, Mask, RemappedId, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap,
+    Segmentation,
 };
 use splatseg_memory::{FrameUpdate, MemoryError, MemorySettings, SegmentBelief, SplatMemory};
 use splatseg_settings::{Allowed, Choice, settings};
@@ -152,8 +153,8 @@ impl Method for Sam2Splat {
         "sam2-splat"
     }
 
-    fn process(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_comparable(frame, masks)?;
+    fn process(&mut self, frame: &RgbdFrame, found: &Segmentation) -> Result<FrameOutput, TrackingError> {
+        check_comparable(frame, found)?;
         let mut tracks = self.tracks(frame)?;
         let recall = self.memory.recall(frame);
 
@@ -169,7 +170,7 @@ impl Method for Sam2Splat {
         remove_tracks(self.tracker.as_mut(), &mut tracks, &repeated);
         drop(stage);
 
-        self.track_new_objects(&mut tracks, masks)?;
+        self.track_new_objects(&mut tracks, &found.masks)?;
         let shown = Shown::new(frame, tracks, Some(recall.expected()));
         let remapped = self.memory.remap_recognised(&shown.segments);
         let update = self.memory.update(recall, &shown.segments, &BTreeSet::new())?;
@@ -179,10 +180,10 @@ impl Method for Sam2Splat {
         Ok(shown.output(TrackErrorCounts::of(&errors), update))
     }
 
-    fn process_without_pose(&mut self, frame: &RgbdFrame, masks: &[ScoredMask]) -> Result<FrameOutput, TrackingError> {
-        check_comparable(frame, masks)?;
+    fn process_without_pose(&mut self, frame: &RgbdFrame, found: &Segmentation) -> Result<FrameOutput, TrackingError> {
+        check_comparable(frame, found)?;
         let mut tracks = self.tracks(frame)?;
-        self.track_new_objects(&mut tracks, masks)?;
+        self.track_new_objects(&mut tracks, &found.masks)?;
         let shown = Shown::new(frame, tracks, None);
         let update = self.memory.record_without_pose(&shown.segments)?;
         self.memory.record_shown(&shown.segments);

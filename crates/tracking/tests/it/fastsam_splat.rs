@@ -34,7 +34,7 @@ fn assert_ids_last(memory: MemorySettings) {
     for index in 0..scene.frame_count() {
         let truth = truth(&scene, index);
         let frame = scene.read_frame(index).unwrap();
-        let output = method.process(&frame, &masks(&truth, index)).unwrap();
+        let output = method.process_masks(&frame, &masks(&truth, index)).unwrap();
         let has_small_segments = output.segments.areas().values().any(|area| *area < MIN_AREA);
         assert!(!has_small_segments, "small segments are not shown in frame {index}");
         count_pairs(&mut pairs, &truth, &output.segments);
@@ -71,10 +71,10 @@ fn shown_when_blind(memory: MemorySettings, seen_frames: usize, blind_frames: us
     let mut known = 0;
     for index in 0..seen_frames {
         let all = masks(&truth(&scene, 0), index);
-        known = labelled(&method.process(&frame, &all).unwrap().segments);
+        known = labelled(&method.process_masks(&frame, &all).unwrap().segments);
         assert_eq!(method.memory().unwrap().segment_count(), all.len());
     }
-    let mut fraction = || labelled(&method.process(&frame, &[]).unwrap().segments) as f32 / known as f32;
+    let mut fraction = || labelled(&method.process_masks(&frame, &[]).unwrap().segments) as f32 / known as f32;
     (0..blind_frames).map(|_| fraction()).collect()
 }
 
@@ -124,7 +124,7 @@ fn every_feature_dimension_works() {
         let mut pairs = BTreeMap::new();
         for index in 0..5 {
             let truth = truth(&scene, index);
-            let output = method.process(&scene.read_frame(index).unwrap(), &masks(&truth, index)).unwrap();
+            let output = method.process_masks(&scene.read_frame(index).unwrap(), &masks(&truth, index)).unwrap();
             count_pairs(&mut pairs, &truth, &output.segments);
         }
         // One channel cannot distinguish a mixture of two ids from a third id; the paper's ablation shows the same.
@@ -142,7 +142,7 @@ fn more_objects_than_codes_still_get_ids() {
     }));
     let truth = truth(&scene, 0);
     let all = masks(&truth, 0);
-    let output = method.process(&scene.read_frame(0).unwrap(), &all).unwrap();
+    let output = method.process_masks(&scene.read_frame(0).unwrap(), &all).unwrap();
     assert_eq!(output.segments.areas().len(), all.len());
     let file = tempfile::NamedTempFile::new().unwrap();
     method.memory().unwrap().save(file.path()).unwrap();
@@ -166,10 +166,10 @@ fn frames_without_depth_or_masks_are_accepted() {
     .unwrap();
     for memory in [evidence(), features()] {
         let mut method = method(memory);
-        let output = method.process(&blind, &masks(&truth(&scene, 0), 0)).unwrap();
+        let output = method.process_masks(&blind, &masks(&truth(&scene, 0), 0)).unwrap();
         assert!(output.segments.areas().len() > 3, "segments are shown without depth");
         // Nothing is remembered, or only far behind the surfaces that the next frame shows.
-        assert!(method.process(&frame, &[]).unwrap().segments.areas().is_empty());
+        assert!(method.process_masks(&frame, &[]).unwrap().segments.areas().is_empty());
     }
 }
 
@@ -177,7 +177,7 @@ fn frames_without_depth_or_masks_are_accepted() {
 fn masks_of_another_size_are_rejected() {
     let scene = room(1);
     let wrong = ScoredMask { mask: Mask::empty(10, 10), score: 1.0 };
-    let error = method(evidence()).process(&scene.read_frame(0).unwrap(), &[wrong]).unwrap_err();
+    let error = method(evidence()).process_masks(&scene.read_frame(0).unwrap(), &[wrong]).unwrap_err();
     assert!(matches!(error, TrackingError::MaskSize { found: (10, 10), expected: (112, 84) }));
 }
 
@@ -194,9 +194,9 @@ fn whole_masks_or_visible_parts_are_matched() {
         let frame = scene.read_frame(0).unwrap();
         let (width, height) = (frame.width(), frame.height());
         let upto = |end: usize| ScoredMask { mask: Mask::from_fn(width, height, |column, _| column < end), score: 1.0 };
-        let wide = method.process(&frame, &[upto(80)]).unwrap().segments[(70, 40)];
+        let wide = method.process_masks(&frame, &[upto(80)]).unwrap().segments[(70, 40)];
         // The larger mask is more similar to the remembered segment, but of the visible parts the smaller mask's is.
-        let second = method.process(&frame, &[upto(80), upto(60)]).unwrap().segments;
+        let second = method.process_masks(&frame, &[upto(80), upto(60)]).unwrap().segments;
         (wide, second[(20, 40)], second[(70, 40)])
     };
     let (known, under_small, under_large) = ids(true);
@@ -218,7 +218,7 @@ fn small_predictions_are_ignored_and_small_segments_are_not_shown() {
             let mask = Mask::from_fn(width, height, |column, row| column < *columns && row < *rows);
             ScoredMask { mask, score: 1.0 }
         });
-        let output = method.process(&frame, &masks.collect::<Vec<_>>()).unwrap();
+        let output = method.process_masks(&frame, &masks.collect::<Vec<_>>()).unwrap();
         (output.predictions, output.segments.areas().into_keys().collect::<Vec<_>>())
     };
     assert_eq!(ids(31, &[(6, 5)]), (0, vec![]));
@@ -240,7 +240,7 @@ fn counted(visible: usize, least: usize) -> usize {
         let mask = Mask::from_fn(width, height, |column, row| (from..to).contains(&column) && row < 10);
         ScoredMask { mask, score: 1.0 }
     };
-    method.process(&frame, &[columns(0, 40), columns(visible, 40)]).unwrap().predictions
+    method.process_masks(&frame, &[columns(0, 40), columns(visible, 40)]).unwrap().predictions
 }
 
 #[test]
@@ -260,7 +260,7 @@ fn a_contradicted_prediction_shows_the_expected_segment_and_has_one_id() {
         ScoredMask { mask: Mask::from_fn(frame.width(), frame.height(), is_inside), score: 1.0 }
     };
     let ids = |masks: &[ScoredMask], method: &mut FastSamSplat| {
-        method.process(&frame, masks).unwrap().segments.areas().into_keys().collect::<Vec<_>>()
+        method.process_masks(&frame, masks).unwrap().segments.areas().into_keys().collect::<Vec<_>>()
     };
     for _ in 0..10 {
         assert_eq!(ids(&[mask(5, 80)], &mut method), [1]);

@@ -53,7 +53,7 @@ fn ids_of_neighbours(seed: u64, joined: Range<usize>) -> Vec<(SegmentId, Segment
         let (frame, truth) = (scene.read_frame(index).unwrap(), truth(&scene, index));
         let is_joined = joined.contains(&index);
         let predicted = truth.map(|id| if is_joined && *id == small { large } else { *id });
-        let output = method.process(&frame, &masks(&predicted, index)).unwrap();
+        let output = method.process_masks(&frame, &masks(&predicted, index)).unwrap();
         (id_of(&truth, &output.segments, small), id_of(&truth, &output.segments, large))
     };
     (0..FRAMES).map(ids_in).collect()

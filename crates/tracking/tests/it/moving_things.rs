@@ -50,7 +50,7 @@ fn watch(text: &str) -> Watched {
     for index in 0..scene.frame_count() {
         let (frame, truth) = (scene.read_frame(index).unwrap(), truth(&scene, index));
         let expected = method.memory().unwrap().recall(&frame).expected().segments.clone();
-        let output = method.process(&frame, &masks(&truth, index)).unwrap();
+        let output = method.process_masks(&frame, &masks(&truth, index)).unwrap();
         steps.push(Step { truth, expected, output: output.segments, update: output.update });
     }
     let id_count = method.memory().unwrap().segment_count();

@@ -27,7 +27,7 @@ fn frames_as_ghost(present: usize, columns: usize, thing: [u8; 3]) -> usize {
         let color = truth.map(|id| if *id == 2 { thing } else { [90; 3] });
         let frame = RgbdFrame::new("0", color, Image::filled(width, height, 2.0), intrinsics, Pose::IDENTITY).unwrap();
         let masks = Mask::of_segments(&truth).into_iter().map(|(_, mask)| ScoredMask { mask, score: 1.0 });
-        let shown = method.process(&frame, &masks.collect::<Vec<_>>()).unwrap().segments;
+        let shown = method.process_masks(&frame, &masks.collect::<Vec<_>>()).unwrap().segments;
         shown[(20 + columns / 2, 30)] != shown[(2, 2)]
     };
     assert_eq!((0..present).filter(|_| show(true)).count(), present, "it has an id of its own");

@@ -96,7 +96,7 @@ pub fn show(frames: usize, mut after: impl FnMut(usize, &Followed)) -> Sam2Splat
     let tracker = Perfect::default();
     let mut method = Sam2Splat::new(Box::new(tracker.clone()), settings, 0, &mut |_| {}).unwrap();
     for number in 0..frames {
-        let output = method.process(&frame(number), &detections(number)).unwrap();
+        let output = method.process_masks(&frame(number), &detections(number)).unwrap();
         assert_eq!(output.masks.len(), THINGS_PER_FRAME, "frame {number}");
         after(number, &tracker.0.lock().unwrap());
     }

@@ -111,7 +111,7 @@ pub fn watch(room: &[RoomFrame], tracker: &Shared, method: &mut dyn Method, min_
     let mut streaks: BTreeMap<SegmentId, usize> = BTreeMap::new();
     for RoomFrame { frame, truth } in room {
         let expected = method.memory().map(|memory| memory.recall(frame).expected().segments.clone());
-        let output = method.process(frame, &prompts.segment(frame).unwrap()).unwrap();
+        let output = method.process_masks(frame, &prompts.segment(frame).unwrap().masks).unwrap();
         report.found += output.track_errors;
         for (id, _) in &output.masks {
             let first =
