@@ -1,6 +1,7 @@
 """What is saved with a map besides its Gaussians, as arrays."""
 
 import io
+import itertools
 import json
 
 import numpy as np
@@ -29,7 +30,7 @@ def test_a_map_has_keyframes_with_small_images(saved):
     assert count >= 2 and state["keyframes.world_from_camera"].shape == (count, 4, 4)
     np.testing.assert_allclose(state["keyframes.world_from_camera"][:, 3], [[0, 0, 0, 1]] * count)
     offsets = state["keyframes.color_offsets"]
-    for start, end in zip(offsets[:-1], offsets[1:], strict=True):
+    for start, end in itertools.pairwise(offsets):
         with Image.open(io.BytesIO(state["keyframes.color"][start:end])) as image:
             assert image.size == (96, 72)
     assert state["keyframes.size"].tolist() == [[96, 72]] * count
