@@ -128,7 +128,7 @@ impl SplatMemory {
     ///
     /// Ids count up from 1. Once all ids that fit a 16-bit image have been given out, ids are reused that were
     /// predicted in one frame at most and that no Gaussian has votes for. Only if there are none does counting
-    /// continue, up to [`MAX_SEGMENT_ID`](crate::MAX_SEGMENT_ID), and then again from 1, skipping ids that are in use.
+    /// continue, up to [`MAX_SEGMENT_ID`](splatseg_geometry::MAX_SEGMENT_ID), and then again from 1, skipping ids that are in use.
     ///
     /// # Errors
     /// If the store refuses the id.
