@@ -89,7 +89,7 @@ pub enum StateError {
     /// The header or the whole is larger than is read or written.
     #[error("saved state: {found} of {what}, expected at most {max}")]
     TooLarge {
-        /// What is too large.
+        /// Name of the part that is too large.
         what: &'static str,
         /// Its size.
         found: String,
@@ -262,7 +262,7 @@ impl StateBlock {
         value.map(Some).ok_or_else(|| array.unexpected(name, format!("one number of type {}", T::KIND)))
     }
 
-    /// What the text of [`Self::put_json`] says; `None` if there is no such array.
+    /// Parses the text written by [`Self::put_json`]. `None` if there is no such array.
     ///
     /// # Errors
     /// [`StateError::Array`] if it is not such a text.

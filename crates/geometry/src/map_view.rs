@@ -1,4 +1,4 @@
-//! What can be read of a map: its Gaussians, and the segments that they show.
+//! A read-only view of a map: its Gaussians, and the segments that they show.
 //!
 //! Objects, outputs and viewers read a map through [`MapView`], whatever kind of memory it comes from.
 
@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// What is known about the place of a Gaussian. Depth is missing on screens, glass and black things, and beyond the
+/// How the place of a Gaussian was determined. Depth is missing on screens, glass and black things, and beyond the
 /// sensor's range; Gaussians are added there nevertheless, so that their segments are remembered.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -103,7 +103,7 @@ pub struct MapView<'a> {
     pub radii: &'a [f32],
     /// Colours, sRGB.
     pub colors: &'a [[u8; 3]],
-    /// What is known about the place of each Gaussian. Those without a place ([`SurfaceKind::has_place`]) belong to no
+    /// How the place of each Gaussian was determined. Those without a place ([`SurfaceKind::has_place`]) belong to no
     /// shape and no point cloud.
     pub surfaces: &'a [SurfaceKind],
     /// The surface that a Gaussian stands for.

@@ -1,4 +1,4 @@
-//! What a segmenter finds in a frame.
+//! The result of a segmenter for one frame.
 
 use crate::{ScoredMask, SegmentMap};
 

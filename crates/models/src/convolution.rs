@@ -110,6 +110,7 @@ impl Convolution {
             .map(|input| {
                 let dims = input.dims();
                 assert_eq!([dims[0], dims[2], dims[3]], [batch, height, width], "sizes of joined inputs");
+                // Only layers whose parameters are on the CPU take this path, and inputs follow the parameters.
                 let input = input.try_into_primitive::<Flex>().expect("the input is on the parameters' device");
                 // Within an image, rows and channels must be contiguous; images need not be.
                 let strides = input.layout().strides();

@@ -45,7 +45,7 @@ impl SetBack {
     }
 }
 
-/// What a message says about a clock.
+/// The messages that the clock of a stream has decided about when the latest one arrived.
 pub(super) struct Reading<T> {
     /// Messages whose stamps are confirmed.
     pub(super) fitting: Vec<T>,

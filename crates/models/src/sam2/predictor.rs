@@ -255,6 +255,7 @@ impl Sam2Predictor {
         let side = self.network.image_size() / 4;
         ObjectMask {
             object,
+            // The decoder returns a mask of a quarter of the image's side, and filling holes keeps its size.
             low_res_logits: Image::from_pixels(side, side, self.without_holes(prediction)).expect("a square of logits"),
             object_score: prediction.object_score,
             predicted_iou: prediction.predicted_iou,

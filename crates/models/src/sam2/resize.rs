@@ -83,6 +83,7 @@ pub(super) fn resize_frame(image: &CowImage<'_, [u8; 3]>, side: usize) -> Image<
             *out = sums.map(finish);
         }
     });
+    // `out` was made with side times side values.
     Image::from_pixels(side, side, out).expect("one pixel per position")
 }
 

@@ -1,5 +1,5 @@
 //! Small scenes on disk, valid until a test damages them.
-#![allow(dead_code)] // Each test file uses a part.
+#![allow(dead_code)] // The test of memory and the example use a part.
 
 pub mod mcap;
 pub mod mvpd;

@@ -26,6 +26,7 @@ impl ObjectMask {
         let (width, height) = self.frame_size;
         let low = Size { width: self.low_res_logits.width(), height: self.low_res_logits.height() };
         let logits = resize_bilinear(self.low_res_logits.pixels(), low, Size { width, height });
+        // `resize_bilinear` returns width times height values.
         Image::from_pixels(width, height, logits).expect("one logit per pixel")
     }
 

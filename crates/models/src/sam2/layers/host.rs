@@ -11,6 +11,7 @@ pub(crate) struct HostValues(<Flex as BackendTypes>::FloatTensorPrimitive);
 
 impl HostValues {
     pub fn from_tensor<const D: usize>(tensor: Tensor<D>) -> Self {
+        // Callers take this path on the CPU only; other devices use tensor operations.
         Self(tensor.try_into_primitive::<Flex>().expect(ON_CPU).to_contiguous())
     }
 
@@ -22,6 +23,7 @@ impl HostValues {
 
 /// Returns the elements of a CPU tensor as a row-major vector.
 pub(crate) fn host<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    // Weights are converted to float32 when they are read, and no layer changes the type.
     tensor.into_data().try_into_vec().expect("the networks compute in float32")
 }
 

@@ -1,5 +1,5 @@
 //! Reads and compares reference data in `../shared/golden/sam2`.
-#![allow(dead_code)] // Each test file uses a part.
+#![allow(dead_code)] // The unit tests of the blocks use a part.
 
 #[path = "../test_device/mod.rs"]
 pub mod test_device;

@@ -1,8 +1,6 @@
 //! A headless Chromium, driven over the DevTools protocol: JSON messages, each ended by a zero byte, on the browser's
 //! file descriptors 3 and 4.
 
-#![allow(dead_code)] // Each test file uses a part.
-
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -69,12 +67,6 @@ impl Browser {
     pub fn resize(&mut self, width: u32, height: u32) {
         let size = json!({ "width": width, "height": height, "deviceScaleFactor": 1, "mobile": false });
         self.call("Emulation.setDeviceMetricsOverride", size);
-    }
-
-    /// Sets the colour scheme, `light` or `dark`.
-    pub fn color_scheme(&mut self, scheme: &str) {
-        let features = json!([{ "name": "prefers-color-scheme", "value": scheme }]);
-        self.call("Emulation.setEmulatedMedia", json!({ "features": features }));
     }
 
     /// Opens a file. `hash` may be empty.

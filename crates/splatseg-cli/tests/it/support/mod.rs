@@ -1,7 +1,5 @@
 //! Helpers shared by the tests of the command.
 
-#![allow(dead_code)] // Each test file uses a part.
-
 pub mod nearly_full;
 
 use assert_cmd::Command;

@@ -1,7 +1,5 @@
 //! FastSAM-Splat in the synthetic room, with the true masks as predictions, without their ids.
 
-#![allow(dead_code)] // Each test file uses a part.
-
 use splatseg_geometry::{Mask, ScoredMask, SegmentId, SegmentMap};
 use splatseg_memory::{MemoryKind, MemorySettings};
 use splatseg_tracking::{FastSamSplat, FastSamSplatSettings};

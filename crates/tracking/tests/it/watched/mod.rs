@@ -1,8 +1,6 @@
 //! A simulated tracker in the synthetic room, observed while it makes errors: the object that each track should follow,
 //! and for how long it does not.
 
-#![allow(dead_code)] // Each test file uses a part.
-
 use splatseg_geometry::{CameraFrame, Mask, Prompt, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{MemoryKind, MemorySettings};
 use splatseg_segmenter::Segmenter;
