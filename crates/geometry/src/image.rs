@@ -98,6 +98,24 @@ impl<'a, T: Clone> CowImage<'a, T> {
         CowImage { width: self.width, height: self.height, pixels }
     }
 
+    /// Returns every second row and column, beginning with the first.
+    #[must_use]
+    pub fn halved(&self) -> Image<T> {
+        let (width, height) = (self.width.div_ceil(2), self.height.div_ceil(2));
+        Image::from_fn(width, height, |column, row| self[(2 * column, 2 * row)].clone())
+    }
+
+    /// Returns an image of `size` (width, height) from its every second row and column, as [`Self::halved`] returns them:
+    /// each pixel stands for those to the right, below and between, too.
+    ///
+    /// # Panics
+    /// If this is not half of that size.
+    #[must_use]
+    pub fn doubled(&self, (width, height): (usize, usize)) -> Image<T> {
+        assert_eq!(self.size(), (width.div_ceil(2), height.div_ceil(2)));
+        Image::from_fn(width, height, |column, row| self[(column / 2, row / 2)].clone())
+    }
+
     /// Returns the image without `border` pixels on each side. Empty if nothing is left.
     #[must_use]
     pub fn crop_border(&self, border: usize) -> Image<T> {
@@ -161,6 +179,15 @@ impl<T: Clone> std::ops::IndexMut<(usize, usize)> for CowImage<'_, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn half_an_image_doubled_has_the_same_size() {
+        let image = Image::from_fn(5, 3, |column, row| 10 * row + column);
+        let half = image.halved();
+        assert_eq!(half, Image::from_pixels(3, 2, vec![0, 2, 4, 20, 22, 24]).unwrap());
+        let pixels = vec![0, 0, 2, 2, 4, 0, 0, 2, 2, 4, 20, 20, 22, 22, 24];
+        assert_eq!(half.doubled((5, 3)), Image::from_pixels(5, 3, pixels).unwrap());
+    }
 
     #[test]
     fn sizes_are_checked() {

@@ -18,6 +18,12 @@ impl SegmentBelief {
         Self { segments: SegmentMap::filled(width, height, 0), confidence: Image::filled(width, height, 0.0) }
     }
 
+    /// The belief at all pixels of an image of `size` (width, height), of which this one has every second row and column.
+    #[must_use]
+    pub fn doubled(&self, size: (usize, usize)) -> Self {
+        Self { segments: self.segments.doubled(size), confidence: self.confidence.doubled(size) }
+    }
+
     /// Returns the segments whose confidence exceeds `threshold`: the decoded feature map.
     pub fn decoded(&self, threshold: f32) -> SegmentMap {
         let mut segments = self.segments.clone();

@@ -11,7 +11,7 @@ use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
 use crate::segment_store::SegmentStore;
 use crate::segments::{LostIds, Segments};
-use crate::{LearningExtent, MemoryError, MemoryRules, MemorySettings, NewStore};
+use crate::{LearningExtent, MemoryError, MemoryRules, MemorySettings, NewStore, SegmentBelief};
 use glam::DVec3;
 use rayon::prelude::*;
 use splatseg_geometry::{
@@ -164,6 +164,15 @@ impl SplatMemory {
             Some(ids) => recall.expecting_previous(&ids),
             None => recall,
         }
+    }
+
+    /// Renders the segments that the map, as it is now, shows at the pose of an earlier frame.
+    pub fn look_again(&self, frame: &RgbdFrame<'_>) -> SegmentBelief {
+        let pose = frame.world_from_camera().relative_to(self.origin);
+        let place = FramePlace { map_from_camera: pose, viewed_from: pose, jump: None };
+        let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
+        let rules = (&self.settings, &self.rules);
+        Recall::new(&self.map.balls, read_tile, frame, &place, FrameTrust::Alone, rules).belief
     }
 
     /// Combines the expected segments with the frame's predictions. `predicted` contains the predicted id visible at

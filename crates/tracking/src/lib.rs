@@ -19,7 +19,8 @@ pub use error::TrackingError;
 pub use matching::match_segments;
 pub use methods::{
     FastSamBaseline, FastSamBaselineSettings, FastSamSplat, FastSamSplatSettings, FastSpamBaseline,
-    FastSpamBaselineSettings, FrameOutput, Method, Sam2Baseline, Sam2BaselineSettings, Sam2Splat, Sam2SplatSettings,
+    FastSpamBaselineSettings, FrameOutput, Hindsight, Method, Sam2Baseline, Sam2BaselineSettings, Sam2Splat,
+    Sam2SplatSettings, ShownFrame,
 };
 pub use reprompting::{
     Remedy, RepromptSettings, TrackError, TrackErrorCounts, TrackErrorKind, find_track_errors, sample_clicks,

@@ -3,6 +3,7 @@
 mod fastsam;
 mod fastsam_splat;
 mod fastspam;
+mod hindsight;
 mod output;
 mod sam2;
 mod sam2_splat;
@@ -10,6 +11,7 @@ mod sam2_splat;
 pub use fastsam::{FastSamBaseline, FastSamBaselineSettings};
 pub use fastsam_splat::{FastSamSplat, FastSamSplatSettings};
 pub use fastspam::{FastSpamBaseline, FastSpamBaselineSettings};
+pub use hindsight::{Hindsight, ShownFrame};
 pub use output::FrameOutput;
 pub use sam2::{Sam2Baseline, Sam2BaselineSettings};
 pub use sam2_splat::{Sam2Splat, Sam2SplatSettings};
@@ -24,7 +26,8 @@ use std::collections::BTreeSet;
 
 /// Assigns ids to the segments of an RGB-D video, one frame at a time.
 ///
-/// Methods are online: the result for a frame depends only on that frame and earlier ones.
+/// Methods are online: the result for a frame depends only on that frame and earlier ones. [`Method::hindsight`] decides
+/// frames again afterwards.
 pub trait Method: Send {
     /// Name in tables and on the command line, e.g. `fastsam-splat`.
     fn name(&self) -> &str;
@@ -59,6 +62,11 @@ pub trait Method: Send {
     /// Corrects the map before the next frame. Returns the ids that turn out to be the same object.
     fn correct_map(&mut self, _correction: &MapCorrection) -> Vec<RemappedId> {
         Vec::new()
+    }
+
+    /// Decides earlier frames again, from all that the method knows now; `None` if it cannot.
+    fn hindsight(&self) -> Option<&dyn Hindsight> {
+        None
     }
 
     /// The map, if the method has one.

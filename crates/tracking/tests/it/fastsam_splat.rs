@@ -2,12 +2,12 @@
 
 use crate::exact_masks::{MIN_AREA, count_pairs, evidence, features, masks, method};
 use splatseg_dataset::{Scene, SyntheticScene};
-use splatseg_geometry::{Image, Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
+use splatseg_geometry::{CameraFrame, Image, Mask, RgbdFrame, ScoredMask, SegmentId, SegmentMap};
 use splatseg_memory::{MemorySettings, SplatContent, SplatFile};
 use splatseg_test_scenes::truth;
 use splatseg_tracking::{
     FastSamBaseline, FastSamBaselineSettings, FastSamSplat, FastSamSplatSettings, FastSpamBaseline,
-    FastSpamBaselineSettings, FrameOutput, Method, TrackingError,
+    FastSpamBaselineSettings, FrameOutput, Method, ShownFrame, TrackingError,
 };
 use std::collections::BTreeMap;
 
@@ -59,6 +59,40 @@ fn ids_last_while_objects_leave_and_return() {
 #[test]
 fn ids_last_in_a_memory_of_features() {
     assert_ids_last(features());
+}
+
+#[test]
+fn the_map_of_the_end_decides_earlier_frames_again() {
+    let scene = room(4);
+    let truth = truth(&scene, 0);
+    let frame = scene.read_frame(0).unwrap();
+    let all = masks(&truth, 0);
+    let mut method = method(evidence());
+    // One mask over everything at first, then the objects, each of which gets an id of its own.
+    let whole = ScoredMask { mask: Mask::from_fn(frame.width(), frame.height(), |_, _| true), score: 1.0 };
+    let first = method.process_masks(&frame, &[whole]).unwrap().segments;
+    assert_eq!(first.areas().len(), 1);
+    let latest = (0..20).map(|_| method.process_masks(&frame, &all).unwrap().segments).last().unwrap();
+    let shown = |segments: &SegmentMap, regions: Option<SegmentMap>| ShownFrame { segments: segments.clone(), regions };
+    let hindsight = method.hindsight().unwrap();
+    let again = hindsight.look_again(&frame, &shown(&first, None)).unwrap();
+    let same = again.segments.pixels().iter().zip(latest.pixels()).filter(|(one, other)| one == other).count();
+    assert!(same * 100 > latest.pixels().len() * 97, "{same} pixels are as in the last frame");
+    assert!(again.confidence.pixels().iter().all(|confidence| *confidence > 0.0));
+    // A region shows one id.
+    let halves =
+        SegmentMap::from_fn(frame.width(), frame.height(), |column, _| 1 + (2 * column / frame.width()) as u32);
+    let again = hindsight.look_again(&frame, &shown(&first, Some(halves))).unwrap();
+    assert!(again.segments.areas().len() <= 2, "{:?}", again.segments.areas());
+    // What is gone shows what it showed at the time.
+    let gone = frame.depth().map(|depth| 0.4 * depth);
+    let camera = frame.clone().into_camera_frame();
+    let before = CameraFrame::new("0", camera.color().clone(), gone, *camera.intrinsics()).unwrap();
+    let before = before.at(*frame.world_from_camera());
+    assert_eq!(hindsight.look_again(&before, &shown(&first, None)).unwrap().segments, first);
+    let small = SegmentMap::filled(3, 3, 1);
+    assert!(matches!(hindsight.look_again(&frame, &shown(&small, None)), Err(TrackingError::MaskSize { .. })));
+    assert!(crate::exact_masks::method(features()).hindsight().is_none());
 }
 
 /// Processes the first frame `seen_frames` times with its masks and then `blind_frames` times without masks. Returns
