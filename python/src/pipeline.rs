@@ -1,6 +1,8 @@
 //! A method with its segmenter, run frame by frame.
 
-use crate::arrays::{color_image, depth_image, numbers, to_array, to_color_array, to_masks, to_plain_array, to_rows};
+use crate::arrays::{
+    color_image, depth_image, id_image, numbers, to_array, to_color_array, to_masks, to_plain_array, to_rows,
+};
 use crate::errors::{runtime_error, value_error};
 use crate::segmenter::{PythonSegmenter, SharedCallable};
 use crate::settings::{add_file, layers, resolve, settings_error};
@@ -15,6 +17,7 @@ use splatseg::objects::{FrameStamp, ObjectName, SeenObjects};
 use splatseg::odometry::PoseState;
 use splatseg::pipeline::{FrameResult, NameObjectsError, ObjectToName, PipelineError};
 use splatseg::settings::SettingsLayers;
+use splatseg::tracking::ShownFrame;
 use splatseg::{CameraFrame, Intrinsics, Mask, Pose, SegmentId};
 use splatseg_files::MemoryLimit;
 use std::error::Error;
@@ -56,6 +59,7 @@ type Step = (
     Py<PyArray2<f64>>,
     &'static str,
     Vec<(SegmentId, SegmentId)>,
+    Option<Py<PyArray2<u32>>>,
 );
 
 #[pymethods]
@@ -154,6 +158,39 @@ impl Pipeline {
         drop(guard);
         py.check_signals()?;
         step_result(py, result.map_err(|error| pipeline_error(py, &error))?, time)
+    }
+
+    /// The ids of an earlier frame as the map shows them now; those of the time if its pose was unknown.
+    #[pyo3(signature = (rgb, depth, k, camera_to_world, ids, regions=None, depth_scale=None))]
+    #[allow(clippy::too_many_arguments, reason = "the parts of a frame, and what it showed")]
+    fn look_again(
+        &self,
+        py: Python<'_>,
+        rgb: &Bound<'_, PyAny>,
+        depth: &Bound<'_, PyAny>,
+        k: &Bound<'_, PyAny>,
+        camera_to_world: &Bound<'_, PyAny>,
+        ids: &Bound<'_, PyAny>,
+        regions: Option<&Bound<'_, PyAny>>,
+        depth_scale: Option<f64>,
+    ) -> PyResult<Py<PyArray2<u32>>> {
+        let (color, depth) = (color_image(rgb, "rgb")?, depth_image(depth, depth_scale)?);
+        let (camera, pose) = (intrinsics(k, color.size())?, pose(camera_to_world)?);
+        let frame = CameraFrame::new("again", color, depth, camera).map_err(value_error)?.at(pose);
+        let regions = regions.map(|regions| id_image(regions, "regions")).transpose()?;
+        let guard = self.lock()?;
+        let mut segments = id_image(ids, "ids")?;
+        if let Some(memory) = guard.pipeline.memory() {
+            let names = memory.remapped_ids();
+            segments = segments.map(|id| *names.get(id).unwrap_or(id));
+        }
+        let shown = ShownFrame { segments, regions };
+        let Some(hindsight) = guard.pipeline.hindsight() else {
+            let name = guard.pipeline.method_name();
+            return Err(value_error(format!("the method {name} with these settings cannot look at frames again")));
+        };
+        let again = py.detach(|| in_pool(self.threads.as_ref(), || hindsight.look_again(&frame, &shown)));
+        to_array(py, again.map_err(value_error)?.segments)
     }
 
     /// All objects, as the JSON of `objects.json`.
@@ -305,7 +342,7 @@ fn map_of(state: &State) -> PyResult<MapView<'_>> {
 
 fn step_result(
     py: Python<'_>,
-    FrameResult { output, objects, times, pose, anchor: _, remapped, events: _, doubts }: FrameResult,
+    FrameResult { output, regions, objects, times, pose, anchor: _, remapped, events: _, doubts }: FrameResult,
     time: Duration,
 ) -> PyResult<Step> {
     for doubt in doubts {
@@ -340,7 +377,8 @@ fn step_result(
     let matrix = pose.world_from_camera.to_matrix().transpose().to_cols_array_2d();
     let matrix = to_rows(py, matrix.into_iter())?;
     let remapped = remapped.iter().map(|ids| (ids.from, ids.into)).collect();
-    Ok((ids, confidence, sightings.collect(), masks, stages, matrix, state, remapped))
+    let regions = regions.map(|regions| to_array(py, regions)).transpose()?;
+    Ok((ids, confidence, sightings.collect(), masks, stages, matrix, state, remapped, regions))
 }
 
 /// The name that a callable gives an object.

@@ -25,7 +25,7 @@ def test_results_are_those_of_the_command(tmp_path, room, settings):
     flags = [f"--set=memory.kind={settings['memory']['kind']}"] if "memory" in settings else []
     flags += [f"--{name}={settings[name]}" for name in ("threads", "seed") if name in settings]
     out, saved = tmp_path / "out", tmp_path / "command.ply"
-    ended = command("run", ROOM, "--out", str(out), "--save-memory", str(saved), "--no-page", *flags)
+    ended = command("run", ROOM, "--out", str(out), "--save-memory", str(saved), "--no-page", "--online", *flags)
     assert ended.returncode == 0, ended.stderr
     pipeline = ss.FastSamSplat(**settings)
     for frame in room:
@@ -43,6 +43,23 @@ def test_results_are_those_of_the_command(tmp_path, room, settings):
         if entry.shape is not None:
             assert list(entry.centroid) == expected["shape"]["centroid"]
             assert list(entry.box[0]) == expected["shape"]["axis_aligned_box"]["min"]
+
+
+def test_a_frame_can_be_looked_at_again(tmp_path, room):
+    out = tmp_path / "out"
+    ended = command("run", ROOM, "--out", str(out), "--no-page")
+    assert ended.returncode == 0, ended.stderr
+    pipeline = ss.FastSamSplat()
+    results = [step(pipeline, frame) for frame in room]
+    assert results[0].regions.shape == results[0].ids.shape
+    again = [pipeline.look_again(result) for result in results]
+    for frame, ids in zip(room, again, strict=True):
+        np.testing.assert_array_equal(ids, read_ids(out / "segments" / f"{frame.name}.png"))
+    assert any((ids != result.ids).any() for ids, result in zip(again, results, strict=True))
+    other = ss.FastSamSplat(memory={"kind": "features"})
+    result = step(other, room[0])
+    with pytest.raises(ValueError, match="cannot look at frames again"):
+        other.look_again(result)
 
 
 def test_a_step_says_what_it_found(room):

@@ -19,6 +19,11 @@ impl ObjectsFile {
     pub const JSON: &'static str = "objects.json";
     /// Name of the CSV file, which has the same data as a table.
     pub const CSV: &'static str = "objects.csv";
+
+    /// Path of an object's picture in the folder of results.
+    pub fn crop(id: SegmentId) -> String {
+        WaitingCrops::file(id)
+    }
 }
 
 impl ObjectsFile {

@@ -24,6 +24,8 @@ pub struct FrameRecord {
     pub frame: RgbdFrame<'static>,
     /// The persistent object id of each pixel, `[height, width]`; 0 where there is no segment.
     pub segments: SegmentMap,
+    /// The segmenter's finer cut of the frame, `[height, width]`, 0 for none, if it has one.
+    pub regions: Option<SegmentMap>,
     /// The objects in the frame, by increasing id.
     pub objects: Vec<ObjectSighting>,
     /// The keyframe to which the frame's pose is attached.

@@ -76,6 +76,8 @@ pub struct Measurement<'a> {
     pub paper: &'a VideoScore,
     /// Score under [`Protocol::Strict`].
     pub strict: &'a VideoScore,
+    /// Scores after the final pass, under [`Protocol::Paper`] and [`Protocol::Strict`]; `None` without it.
+    pub final_pass: Option<[&'a VideoScore; 2]>,
     /// 3D instances on the vertices of the scene's mesh; `None` without a mesh or a memory.
     pub mesh: Option<&'a InstanceScorer>,
 }
@@ -106,6 +108,27 @@ impl Variant {
     /// The settings that differ, as one text; `None` for the unchanged method.
     pub fn change(&self) -> Option<String> {
         (!self.changes.is_empty()).then(|| self.changes.join(" "))
+    }
+}
+
+impl<'a> Benchmark<'a> {
+    /// The benchmark with the scores after the final pass in place of those of the time; `None` if there was none. It has
+    /// only the methods and scenes that have them.
+    pub fn of_final_pass(&self) -> Option<Self> {
+        let mut measurements: Vec<Measurement<'a>> = Vec::new();
+        for measurement in &self.measurements {
+            if let Some([paper, strict]) = measurement.final_pass {
+                measurements.push(Measurement { paper, strict, mesh: None, ..measurement.clone() });
+            }
+        }
+        let kept: Vec<usize> = (0..self.variants.len())
+            .filter(|variant| measurements.iter().any(|measurement| measurement.variant == *variant))
+            .collect();
+        for measurement in &mut measurements {
+            measurement.variant = kept.iter().position(|variant| *variant == measurement.variant)?;
+        }
+        let variants: Vec<Variant> = kept.iter().map(|variant| self.variants[*variant].clone()).collect();
+        (!measurements.is_empty()).then(|| Self { variants, measurements, missing: Vec::new(), ..self.clone() })
     }
 }
 

@@ -25,6 +25,9 @@ pub fn markdown_tables(benchmark: &Benchmark) -> String {
         let scenes = 0..benchmark.scenes.len();
         tables.extend(scenes.map(|scene| ScoreTable::of_scene(benchmark, scene, benchmark.protocol).markdown()));
     }
+    if let Some(again) = benchmark.of_final_pass() {
+        tables.extend(protocols.map(|protocol| ScoreTable::of_final_pass(&again, protocol).markdown()));
+    }
     text.push_str(&tables.join("\n"));
     text.push('\n');
     if !benchmark.missing.is_empty() {

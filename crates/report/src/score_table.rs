@@ -82,6 +82,14 @@ impl ScoreTable {
         Self { title, rows, mark: benchmark.reference.mark(), notes }
     }
 
+    /// As [`Self::over_all_scenes`], for the benchmark that [`Benchmark::of_final_pass`] returns. No published score can be
+    /// compared with it.
+    pub fn of_final_pass(benchmark: &Benchmark, protocol: Protocol) -> Self {
+        let mut table = Self::over_all_scenes(benchmark, protocol);
+        table.rows.retain(|row| row.origin == Origin::Measured);
+        Self { title: format!("{}, after the final pass", table.title), ..table }
+    }
+
     /// All methods on one scene.
     pub fn of_scene(benchmark: &Benchmark, scene: usize, protocol: Protocol) -> Self {
         let rows: Vec<ScoreRow> = (0..benchmark.variants.len())

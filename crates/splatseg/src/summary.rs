@@ -54,6 +54,9 @@ pub struct Summary {
     pub slowest_frame_ms: f64,
     /// Time before the first frame (opening the scene, loading networks, computing a codebook), seconds.
     pub start_up_s: f64,
+    /// Time of the final pass, in which the map of the end decided the ids of all frames again, seconds; null if there was
+    /// none. No other time or speed includes it.
+    pub final_pass_s: Option<f64>,
     /// Frames per second.
     pub fps: FramesPerSecond,
     /// State of the run at up to 64 frames in equal steps.

@@ -81,7 +81,18 @@ class Pipeline:
         NDArray[np.float64],
         str,
         list[tuple[int, int]],
+        NDArray[np.uint32] | None,
     ]: ...
+    def look_again(
+        self,
+        rgb: NDArray[np.uint8],
+        depth: NDArray[Any],
+        k: ArrayLike,
+        camera_to_world: ArrayLike,
+        ids: NDArray[np.uint32],
+        regions: NDArray[np.uint32] | None = None,
+        depth_scale: float | None = None,
+    ) -> NDArray[np.uint32]: ...
     def objects(self) -> str: ...
     def name_objects(
         self,

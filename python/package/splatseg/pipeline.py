@@ -114,7 +114,7 @@ class Pipeline:
         The GIL is released during the computation. Invalid arguments raise ``TypeError`` or ``ValueError`` with the
         found and the expected value, and leave the memory unchanged. Exceptions of the segmenter are passed on.
         """
-        ids, confidence, sightings, masks, times, pose, pose_state, remapped = self._pipeline.step(
+        ids, confidence, sightings, masks, times, pose, pose_state, remapped, regions = self._pipeline.step(
             rgb, depth, K, camera_to_world, timestamp, name, depth_scale
         )
         return StepResult(
@@ -130,7 +130,30 @@ class Pipeline:
             remapped=remapped,
             timestamp=timestamp,
             name=name,
+            regions=regions,
             _masks=masks,
+            _depth_scale=depth_scale,
+        )
+
+    def look_again(self, result: StepResult) -> NDArray[np.uint32]:
+        """The ids of an earlier frame as they are known now: uint32, ``(height, width)``.
+
+        ``result`` is what :meth:`step` returned for the frame. What later frames have taught also names the objects of the
+        first ones; ``splatseg run`` does this for every frame at the end. The frame is looked at from the pose in
+        ``result``; without a known pose, the ids stay as they are.
+
+        Raises ``ValueError`` if the method cannot: only ``fastsam-splat`` with ``memory.kind=evidence`` can.
+        """
+        if result.pose_state == "lost":
+            return result.ids
+        return self._pipeline.look_again(
+            result.rgb,
+            result.depth,
+            result.K,
+            result.camera_to_world,
+            result.ids,
+            result.regions,
+            result._depth_scale,
         )
 
     def objects(self) -> list[Object]:

@@ -45,7 +45,10 @@ class StepResult:
     """The frame's timestamp, seconds, if given."""
     name: str | None
     """The frame's name, if given."""
+    regions: NDArray[np.uint32] | None = field(default=None, repr=False)
+    """The segmenter's finer cut, ``(height, width)``: pixels of a region lie in one object. ``None`` if it has none."""
     _masks: NDArray[np.bool_] | None = field(default=None, repr=False)
+    _depth_scale: float | None = field(default=None, repr=False)
 
     @property
     def masks(self) -> NDArray[np.bool_]:

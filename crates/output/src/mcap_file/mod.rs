@@ -284,6 +284,7 @@ mod tests {
                 file_name: "0".to_owned(),
                 frame,
                 segments,
+                regions: None,
                 objects: Vec::new(),
                 anchor: FrameAnchor::default(),
                 remapped: Vec::new(),

@@ -78,6 +78,7 @@ fn records() -> (Vec<FrameRecord>, ObjectLog) {
             frame,
             objects: log.record(&FrameOutput::from_segments(segments.clone())),
             segments,
+            regions: None,
             anchor: FrameAnchor { keyframe: (number / 3) as u32, ..FrameAnchor::default() },
             remapped,
         }

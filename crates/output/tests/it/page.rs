@@ -53,6 +53,7 @@ fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
             file_name: name(number),
             frame,
             segments,
+            regions: None,
             objects,
             anchor: FrameAnchor::default(),
             remapped: Vec::new(),

@@ -63,6 +63,7 @@ impl Run {
             machine: "a CPU",
             paper: &self.paper,
             strict: &self.strict,
+            final_pass: None,
             mesh: None,
         }
     }
@@ -95,6 +96,24 @@ fn benchmark<'a>(runs: &'a [Run; 2]) -> Benchmark<'a> {
         measurements: vec![runs[0].measurement(0), runs[1].measurement(1)],
         missing: vec![missing],
     }
+}
+
+#[test]
+fn scores_after_the_final_pass_have_tables_of_their_own() {
+    let runs = [Run::new(2), Run::new(0)];
+    let mut benchmark = benchmark(&runs);
+    assert!(benchmark.of_final_pass().is_none());
+    assert!(!markdown_tables(&benchmark).contains("after the final pass"));
+    // Only the second variant has one.
+    let again = Run::new(1);
+    benchmark.measurements[1].final_pass = Some([&again.paper, &again.strict]);
+    let tables = markdown_tables(&benchmark);
+    let (before, after) = tables.split_once("protocol strict, after the final pass").unwrap();
+    assert!(before.contains("| fastsam-splat memory.max_votes=3 (1 of 2 results) | 100.00"), "{before}");
+    assert!(after.contains("| fastsam-splat memory.max_votes=3 (1 of 2 results) | 87.50"), "{after}");
+    assert!(!after.contains("| fastsam-splat (") && !after.contains("ScanNet-MV"), "{after}");
+    let last = &benchmark.of_final_pass().unwrap();
+    assert_eq!((last.variants.len(), last.measurements.len(), last.measurements[0].variant), (1, 1, 0));
 }
 
 /// A video of this many frames whose only object is predicted `times` times.

@@ -42,6 +42,10 @@ pub struct BatchArguments {
     /// Do not write index.html, the page that shows the results
     #[arg(long)]
     pub no_page: bool,
+    /// Leave out the final pass, in which the map of the end decides the ids of all frames again: the results, and their
+    /// scores, are what was known at the time of each frame, as in the paper
+    #[arg(long)]
+    pub online: bool,
     #[command(flatten)]
     pub score: ScoreOptions,
     #[command(flatten)]

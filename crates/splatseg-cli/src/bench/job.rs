@@ -1,5 +1,6 @@
 //! A job of a benchmark: one method on one scene with one seed.
 
+use super::final_pass::EarlierFrames;
 use super::input_files::InputFile;
 use super::machine;
 use super::mesh_files::MeshFiles;
@@ -66,6 +67,8 @@ pub struct JobResult {
     pub paper: VideoScore,
     /// Score in the protocol `strict`.
     pub strict: VideoScore,
+    /// Scores of the frames as the map of the end decides them; `None` with `online`, and if the method cannot.
+    pub final_pass: Option<FinalScores>,
     /// The processor or GPU that it was measured on.
     pub machine: String,
     /// Score of 3D instances on the vertices of the scene's mesh, if the scene has a mesh and the method a memory.
@@ -74,6 +77,27 @@ pub struct JobResult {
     pub series: Series,
     /// Thumbnails of some of the frames.
     pub strip: Vec<Thumbnail>,
+}
+
+/// Scores after the final pass. The other scores are those of the time.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FinalScores {
+    /// Score in the protocol `paper`.
+    pub paper: VideoScore,
+    /// Score in the protocol `strict`.
+    pub strict: VideoScore,
+    /// Time of the pass without scoring, seconds.
+    pub seconds: f64,
+}
+
+impl FinalScores {
+    /// The score in a protocol.
+    pub fn score(&self, protocol: Protocol) -> &VideoScore {
+        match protocol {
+            Protocol::Paper => &self.paper,
+            Protocol::Strict => &self.strict,
+        }
+    }
 }
 
 impl JobResult {
@@ -113,6 +137,8 @@ pub fn run(path: &Path, inputs: &JobInputs) -> Result<JobResult, String> {
         FrameStream::open(Arc::clone(&scene), &settings.dataset, GroundTruth::Read).map_err(|error| text(&error))?;
     let mut pipeline = Pipeline::builder(settings).scene(&scene).build().map_err(|error| text(&error))?;
     let mut recorder = Recorder::new(inputs, stream.len());
+    let has_final_pass = !settings.run.online && pipeline.hindsight().is_some();
+    let mut earlier = has_final_pass.then(EarlierFrames::default);
     let mut frames = pipeline.run(stream);
     let mut time = Duration::ZERO;
     for position in 0.. {
@@ -136,13 +162,18 @@ pub fn run(path: &Path, inputs: &JobInputs) -> Result<JobResult, String> {
         time += started.elapsed();
         tell(&result.doubts, inputs)?;
         recorder.record(position, &frame, &result, frames.latest_map())?;
+        if let Some(frames) = &mut earlier {
+            frames.add(frame.index, &result).map_err(|error| text(&error))?;
+        }
     }
     let mut doubts = pipeline.finish();
     doubts.retain(|doubt| doubt.kind.is_contradiction());
     tell(&doubts, inputs)?;
+    let again = |frames: EarlierFrames| frames.decide_again(&scene, inputs, &pipeline);
+    let final_pass = earlier.map(again).transpose()?.flatten();
     let mesh = inputs.mesh.as_ref().zip(pipeline.map());
     let mesh = mesh.map(|(mesh, map)| mesh.score(&map)).transpose()?;
-    Ok(JobResult { mesh, ..recorder.finish(inputs, pipeline.map(), time)? })
+    Ok(JobResult { mesh, final_pass, ..recorder.finish(inputs, pipeline.map(), time)? })
 }
 
 /// Warns about input that contradicts itself, which is an error with `strict_input`.
@@ -159,17 +190,19 @@ fn tell(doubts: &[InputDoubt], inputs: &JobInputs) -> Result<(), String> {
 
 /// A frame to score.
 struct ScoredFrame {
+    /// Its index in the scene.
+    index: usize,
     frame: RgbdFrame<'static>,
     ground_truth: Option<SegmentMap>,
 }
 
 /// Returns a frame with its result, or with an empty result if the segmenter failed.
 fn result_or_empty(
-    Processed { frame, ground_truth, result, .. }: Processed,
+    Processed { index, frame, ground_truth, result }: Processed,
     recorder: &mut Recorder,
 ) -> Result<(ScoredFrame, FrameResult), String> {
     let pose = CameraPose::given(*frame.world_from_camera());
-    let frame = ScoredFrame { frame, ground_truth };
+    let frame = ScoredFrame { index, frame, ground_truth };
     match result {
         Ok(result) => Ok((frame, result)),
         Err(error @ PipelineError::Segmenter { .. }) => {
@@ -181,6 +214,7 @@ fn result_or_empty(
                 frame,
                 FrameResult {
                     output,
+                    regions: None,
                     objects,
                     times,
                     pose,
@@ -327,6 +361,7 @@ impl Recorder {
             paper: self.paper.finish(),
             strict: self.strict.finish(),
             machine: machine::name(&inputs.settings),
+            final_pass: None,
             mesh: None,
             series: self.series,
             strip: self.strip,

@@ -7,6 +7,7 @@
 
 mod arguments;
 mod drawings;
+mod final_pass;
 #[cfg(test)]
 mod full_scale;
 mod input_files;
@@ -132,6 +133,9 @@ fn finish<'a>(plan: &'a Plan, outcomes: &'a [Result<Outcome, String>], out: &Pat
     let benchmark = results.benchmark()?;
     results.write(&benchmark, out)?;
     say!("\n{}", ScoreTable::over_all_scenes(&benchmark, plan.protocol).terminal());
+    if let Some(again) = benchmark.of_final_pass() {
+        say!("\n{}", ScoreTable::of_final_pass(&again, plan.protocol).terminal());
+    }
     say!(
         "tables are in {}, the report is {}: open it in a browser",
         out.join("tables.md").display(),

@@ -49,6 +49,9 @@ struct Row<'a> {
     /// The scores under the other protocol, under its name.
     #[serde(flatten)]
     other_protocol: BTreeMap<&'static str, Scores>,
+    /// The scores after the final pass, in which the map of the end decides the ids of all frames again; null without
+    /// it. All other scores are those of the time.
+    final_pass: Option<FinalRow>,
     /// 3D instances on the vertices of the scene's mesh; null without a mesh or a memory.
     mesh: Option<InstanceScores>,
     /// The processor, and the GPU if used.
@@ -77,6 +80,19 @@ struct Row<'a> {
     settings: &'a Settings,
     /// Version of splatseg.
     version: &'a str,
+}
+
+/// Scores after the final pass.
+#[derive(Clone, Debug, Serialize)]
+struct FinalRow {
+    /// The scores under the row's protocol, percent.
+    #[serde(flatten)]
+    scores: Scores,
+    /// The scores under the other protocol, under its name.
+    #[serde(flatten)]
+    other_protocol: BTreeMap<&'static str, Scores>,
+    /// Time of the pass without scoring, seconds.
+    seconds: f64,
 }
 
 impl<'a> Results<'a> {
@@ -174,6 +190,11 @@ impl<'a> Results<'a> {
             protocol: plan.protocol.name(),
             scores: result.score(plan.protocol).scores(),
             other_protocol: BTreeMap::from([(other.name(), result.score(other).scores())]),
+            final_pass: result.final_pass.as_ref().map(|found| FinalRow {
+                scores: found.score(plan.protocol).scores(),
+                other_protocol: BTreeMap::from([(other.name(), found.score(other).scores())]),
+                seconds: found.seconds,
+            }),
             mesh: result.mesh.as_ref().map(|scorer| scorer.scores()),
             machine: &result.machine,
             fps: result.fps,
@@ -215,6 +236,7 @@ fn measurement<'a>(entry: &ResultEntry, result: &'a JobResult) -> Measurement<'a
         machine: &result.machine,
         paper: &result.paper,
         strict: &result.strict,
+        final_pass: result.final_pass.as_ref().map(|found| [&found.paper, &found.strict]),
         mesh: result.mesh.as_ref(),
     }
 }

@@ -28,8 +28,10 @@ pub struct WrittenFrame {
     pub index: usize,
     /// Name of its result files, without folder and extension.
     pub file_name: String,
-    /// True if the camera's pose was known.
-    has_pose: bool,
+    /// The camera's pose when it was written.
+    pub world_from_camera: Pose,
+    /// Whether that was known.
+    pub pose_state: PoseState,
     /// The ids of its objects when it was written.
     ids: Vec<SegmentId>,
 }
@@ -53,9 +55,15 @@ impl FrameHistory {
             number,
             index: frame.index,
             file_name: frame.file_name.clone(),
-            has_pose: frame.pose_state != PoseState::Lost,
+            world_from_camera: frame.world_from_camera,
+            pose_state: frame.pose_state,
             ids: frame.objects.iter().map(|object| object.id).collect(),
         });
+    }
+
+    /// The frames, in order.
+    pub fn written(&self) -> &[WrittenFrame] {
+        &self.frames
     }
 
     /// The ids that turned out to be the same object, by the position of the frame that brought them.
@@ -78,7 +86,7 @@ impl FrameHistory {
         let in_other_part = |keyframe| keyframes.get(keyframe).is_some_and(|keyframe| keyframe.part != first);
         let ranges = self.ranges().filter(|(keyframe, ..)| in_other_part(keyframe));
         let frames = ranges.flat_map(|(.., range)| self.frames.get(range).unwrap_or_default());
-        frames.filter(|frame| frame.has_pose).count()
+        frames.filter(|frame| frame.pose_state != PoseState::Lost).count()
     }
 
     /// The keyframes in use, each with its pose at the time and the positions of its frames.

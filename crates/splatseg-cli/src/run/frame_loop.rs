@@ -206,8 +206,9 @@ fn record_result(
     let (file_name, pose_state) = (file_name(frame.name()), result.pose.state);
     let messages = reports.camera.add(frame.name(), &result.pose, &result.events, result.remapped.len());
     let doubts = result.doubts;
-    let (segments, objects) = (result.output.segments, result.objects);
+    let (segments, regions, objects) = (result.output.segments, result.regions, result.objects);
     let (anchor, remapped) = (result.anchor, result.remapped);
-    let record = FrameRecord { number, index, file_name, pose_state, frame, segments, objects, anchor, remapped };
+    let record =
+        FrameRecord { number, index, file_name, pose_state, frame, segments, regions, objects, anchor, remapped };
     if writer.write(record) { Step::Done { messages, doubts } } else { Step::End(EarlyEnd::Unwritable) }
 }

@@ -8,6 +8,7 @@ mod camera_messages;
 mod corrected_run_tests;
 mod extra_file;
 mod final_ids;
+mod final_pass;
 mod frame_history;
 mod frame_loop;
 mod outputs;
@@ -16,11 +17,14 @@ mod report;
 mod result_writer;
 mod resumed;
 pub mod saved_run;
+pub mod shown_frames;
 mod skipped_frames;
 mod stop_signals;
 
 pub use extra_file::{ExtraFile, FileKind};
-pub use report::report;
+pub use frame_history::FrameHistory;
+pub use report::{RunTimes, report};
+pub use saved_run::SavedFrame;
 pub use saved_run::SavedRun;
 pub use stop_signals::StopSignals;
 
@@ -32,6 +36,7 @@ use super::output_folder::{OutputFolder, OverwritePolicy};
 use super::system_limits::{no_thread, use_threads};
 use super::{Failure, devices};
 use final_ids::{FrameImages, update_frames};
+use final_pass::FinalPass;
 use frame_loop::{FrameLoop, LoopOutcome, StateSaving};
 use progress::codebook_bar;
 use saved_run::RunState;
@@ -206,7 +211,8 @@ fn execute_with(
     let run = &job.settings.run;
     let saving = StateSaving { every: run.save_every, state, staging: folder.staging().to_owned() };
     let saving = (run.save_every > 0).then_some(saving);
-    let (written, counts) = resumed::start(job, folder, outputs)?;
+    let has_final_pass = !run.online && pipeline.hindsight().is_some();
+    let (written, counts) = resumed::start(job, folder, outputs, has_final_pass)?;
     let start_up = started.elapsed();
     let frames = FrameLoop {
         signals: &signals,
@@ -218,25 +224,32 @@ fn execute_with(
     let changes = before.as_ref().and_then(|before| write_changes(before, &pipeline, &mut ended));
     let changes = before.as_ref().zip(changes.as_ref());
     let changes = changes.map(|(before, changes)| ChangesSince { before: before.map(), changes });
-    finish_outputs(job, scene.as_ref(), &pipeline, &mut ended, changes);
-    let summary = report::finish(job, ended, (started, start_up), &pipeline, memory_file.as_ref())?;
+    let history = finish_outputs(job, scene.as_ref(), &pipeline, &mut ended, changes);
+    let online = started.elapsed();
+    let is_complete = ended.early.is_none() && ended.written.first_error.is_none() && ended.written.frames > 0;
+    let final_pass = (has_final_pass && is_complete).then(|| {
+        let pass = FinalPass { job, scene: &scene, signals: &signals };
+        pass.run(&mut pipeline, &history, &mut ended, changes).then(|| started.elapsed() - online)
+    });
+    let times = RunTimes { start_up, online, final_pass: final_pass.flatten() };
+    let summary = report::finish(job, ended, times, &pipeline, memory_file.as_ref())?;
     // The run is complete, so its saved state is no longer needed.
     let _ = saved_run::remove(&job.out);
     Ok(summary)
 }
 
-/// Brings the results of earlier frames up to date, and writes the outputs that need the whole run.
+/// Brings the results of earlier frames up to date, and writes the outputs that need the whole run. Returns the frames.
 fn finish_outputs(
     job: &RunJob,
     scene: &dyn Scene,
     pipeline: &Pipeline,
     ended: &mut LoopOutcome,
     changes: Option<ChangesSince<'_>>,
-) {
-    if ended.written.frames == 0 {
-        return;
-    }
+) -> FrameHistory {
     let history = std::mem::take(&mut ended.written.history);
+    if ended.written.frames == 0 {
+        return history;
+    }
     let images = FrameImages { scene, framing: job.settings.dataset.framing() };
     update_frames(&mut ended.written, &history, &images, &mut ended.counts);
     let keyframes = pipeline.keyframes();
@@ -252,6 +265,7 @@ fn finish_outputs(
         changes,
     };
     ended.written.for_each_output(|output, folder| output.finish(&end, folder));
+    history
 }
 
 /// Writes what has changed since a loaded map. Returns `None` if that is unknown.

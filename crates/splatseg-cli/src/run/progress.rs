@@ -28,6 +28,13 @@ impl Progress {
         Self { bar, lines }
     }
 
+    /// Creates the display for the final pass over this many frames.
+    pub fn again(frames: usize) -> Self {
+        let progress = Self::new(Some(frames));
+        progress.bar.set_style(style("final pass {bar:29} {pos}/{len} frames, {per_sec}, {eta} left"));
+        progress
+    }
+
     /// Counts a processed frame.
     pub fn frame_done(&mut self) {
         self.bar.inc(1);

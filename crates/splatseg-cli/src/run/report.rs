@@ -9,15 +9,24 @@ use splatseg::Pipeline;
 use splatseg::summary::{PoseStateCounts, RunCounts, Summary, peak_memory_mb};
 use splatseg_geometry::MapView;
 use splatseg_output::{ObjectsFile, PosesFile};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+/// Times of a run.
+#[derive(Clone, Copy, Debug)]
+pub struct RunTimes {
+    /// Before the first frame.
+    pub start_up: Duration,
+    /// From the start until all frames were processed and written, without the final pass.
+    pub online: Duration,
+    /// The final pass, if it was made.
+    pub final_pass: Option<Duration>,
+}
 
 /// Saves the memory and writes the summary, even after earlier failures. Returns the summary if the run is complete.
-///
-/// `times` contains the start of the run and the time before the first frame.
 pub fn finish(
     job: &RunJob,
     ended: LoopOutcome,
-    times: (Instant, Duration),
+    times: RunTimes,
     pipeline: &Pipeline,
     file: Option<&ExtraFile>,
 ) -> Result<Summary, Failure> {
@@ -88,12 +97,7 @@ impl EarlyEnd {
     }
 }
 
-fn summary(
-    job: &RunJob,
-    counts: RunCounts,
-    (started, start_up): (Instant, Duration),
-    map: Option<MapView<'_>>,
-) -> Summary {
+fn summary(job: &RunJob, counts: RunCounts, times: RunTimes, map: Option<MapView<'_>>) -> Summary {
     let is_tentative = |id: &&u32| map.is_some_and(|map| map.is_tentative(**id));
     Summary {
         frames: counts.frames,
@@ -114,8 +118,9 @@ fn summary(
         stage_ms: counts.stage_ms(),
         track_errors: counts.track_errors,
         slowest_frame_ms: counts.slowest.as_secs_f64() * 1e3,
-        start_up_s: start_up.as_secs_f64(),
-        fps: counts.fps(started.elapsed()),
+        start_up_s: times.start_up.as_secs_f64(),
+        final_pass_s: times.final_pass.map(|time| time.as_secs_f64()),
+        fps: counts.fps(times.online),
         curve: counts.curve.into_points(),
         interrupted: counts.interrupted,
         error: None,
@@ -155,6 +160,9 @@ pub fn report(job: &RunJob, summary: &Summary) -> String {
         job.out.join(ObjectsFile::JSON).display(),
         job.out.join("objects").display(),
     );
+    if let Some(seconds) = summary.final_pass_s {
+        text.push_str(&format!("\nthe map of the end has decided the ids of all frames again, in {seconds:.1} s"));
+    }
     match summary.pose_states {
         PoseStateCounts { tracked: 0, lost: 0, .. } => {}
         PoseStateCounts { tracked, lost, .. } => {

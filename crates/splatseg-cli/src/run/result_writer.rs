@@ -2,6 +2,7 @@
 
 use super::frame_history::FrameHistory;
 use super::saved_run::{FOLDER, RunState, StateWriter};
+use super::shown_frames::{self, SHOWN, ShownFile};
 use crate::output_folder::OutputFolder;
 use splatseg_geometry::RemappedId;
 use splatseg_output::{FrameRecord, OutputError, ResultFolder, RunOutput};
@@ -45,6 +46,19 @@ pub struct WriterOutcome {
     pub output_errors: Vec<OutputError>,
     /// Saving of the run's state.
     pub saving: Saving,
+    /// Where it is kept what frames show, for the final pass.
+    pub shown: Shown,
+}
+
+/// Where it is kept what the frames of a run show.
+#[derive(Debug)]
+pub enum Shown {
+    /// Nowhere: there is no final pass.
+    Nowhere,
+    /// With the state of the run.
+    WithState,
+    /// In a file of its own.
+    File(ShownFile),
 }
 
 /// Status of saving the run's state, from which it can be resumed.
@@ -93,10 +107,10 @@ impl ResultWriter {
 
 impl WriterOutcome {
     /// Starts with no frames.
-    pub fn new(folder: OutputFolder, outputs: Vec<Box<dyn RunOutput>>, saving: Saving) -> Self {
+    pub fn new(folder: OutputFolder, outputs: Vec<Box<dyn RunOutput>>, saving: Saving, shown: Shown) -> Self {
         let (history, unreported) = (FrameHistory::default(), Vec::new());
         let (first_error, output_errors) = (None, Vec::new());
-        Self { folder, frames: 0, history, unreported, outputs, first_error, output_errors, saving }
+        Self { folder, frames: 0, history, unreported, outputs, first_error, output_errors, saving, shown }
     }
 
     /// Writes frames until there are no more. Continues after errors that need not affect later frames.
@@ -116,6 +130,7 @@ impl WriterOutcome {
                     self.frames += 1;
                     self.history.add(&frame);
                     self.for_each_output(|output, folder| output.add_frame(&frame, folder));
+                    self.keep_shown(&frame);
                     self.save_frame(&frame);
                 }
                 Err(error) => {
@@ -130,6 +145,25 @@ impl WriterOutcome {
         self
     }
 
+    /// The file with what the frames show, if there is to be a final pass.
+    pub fn shown_path(&self) -> Option<PathBuf> {
+        match &self.shown {
+            Shown::Nowhere => None,
+            Shown::WithState => Some(self.folder.path().join(FOLDER).join(format!("{SHOWN}.jsonl"))),
+            Shown::File(file) => Some(file.path().to_owned()),
+        }
+    }
+
+    /// Keeps what a frame shows in a file of its own, if that is where.
+    fn keep_shown(&mut self, frame: &FrameRecord) {
+        let Shown::File(file) = &mut self.shown else { return };
+        let kept = shown_frames::line(&frame.segments, frame.regions.as_ref()).and_then(|line| file.add(line));
+        if let Err(source) = kept {
+            self.output_errors.push(OutputError::Io { path: file.path().to_owned(), source });
+            self.shown = Shown::Nowhere;
+        }
+    }
+
     /// Records that a frame's images are written, with each output's state for the frame.
     fn save_frame(&mut self, frame: &FrameRecord) {
         if matches!(self.saving, Saving::Later) {
@@ -141,6 +175,10 @@ impl WriterOutcome {
         }
         let mut kept = Vec::new();
         self.for_each_output(|output, _| output.frame_state(frame).map(|line| kept.push((output.name(), line))));
+        if let Shown::WithState = self.shown {
+            let line = shown_frames::line(&frame.segments, frame.regions.as_ref());
+            kept.extend(self.saved(line).map(|line| (SHOWN, line)));
+        }
         if let Saving::On(writer) = &mut self.saving {
             let added = writer.add_frame(frame, kept);
             self.saved(added);
@@ -163,7 +201,12 @@ impl WriterOutcome {
     /// Records an error saving the state, and stops saving.
     fn saved<T>(&mut self, result: std::io::Result<T>) -> Option<T> {
         result
-            .inspect_err(|_| self.saving = Saving::Failed)
+            .inspect_err(|_| {
+                self.saving = Saving::Failed;
+                if matches!(self.shown, Shown::WithState) {
+                    self.shown = Shown::Nowhere;
+                }
+            })
             .map_err(|source| {
                 self.output_errors.push(OutputError::Io { path: self.folder.path().join(FOLDER), source })
             })

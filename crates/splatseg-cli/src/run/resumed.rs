@@ -1,8 +1,9 @@
 //! The start of a run, which may resume an earlier one.
 
 use super::RunJob;
-use super::result_writer::{Saving, WriterOutcome};
+use super::result_writer::{Saving, Shown, WriterOutcome};
 use super::saved_run::StateWriter;
+use super::shown_frames::ShownFile;
 use crate::Failure;
 use crate::output_folder::OutputFolder;
 use splatseg::summary::{PoseStateCounts, RunCounts, needs_rgb};
@@ -25,6 +26,7 @@ pub struct Outputs {
 }
 
 /// Returns the writer's state and the counts before the first new frame, taken from the earlier run if there is one.
+/// With `has_final_pass`, it is kept what frames show.
 ///
 /// # Errors
 /// If the state of the run cannot be written.
@@ -32,18 +34,24 @@ pub fn start(
     job: &RunJob,
     folder: OutputFolder,
     Outputs { outputs, lost }: Outputs,
+    has_final_pass: bool,
 ) -> Result<(WriterOutcome, RunCounts), Failure> {
     let is_saved = job.settings.run.save_every > 0;
+    let shown = match (has_final_pass, is_saved) {
+        (false, _) => Shown::Nowhere,
+        (true, true) => Shown::WithState,
+        (true, false) => Shown::File(ShownFile::create(folder.staging()).map_err(Failure::runtime)?),
+    };
     let Some(saved) = &job.resume else {
         let saving = if is_saved { Saving::Later } else { Saving::Off };
-        return Ok((WriterOutcome::new(folder, outputs, saving), RunCounts::default()));
+        return Ok((WriterOutcome::new(folder, outputs, saving, shown), RunCounts::default()));
     };
     say_error!("going on after frame {} of the scene", saved.state.next);
     let saving = match is_saved {
         true => Saving::On(StateWriter::start(&job.out, Some(saved)).map_err(Failure::runtime)?),
         false => Saving::Off,
     };
-    let mut written = WriterOutcome::new(folder, outputs, saving);
+    let mut written = WriterOutcome::new(folder, outputs, saving, shown);
     written.frames = saved.state.frames;
     written.output_errors = lost;
     saved.frames.iter().enumerate().for_each(|(number, frame)| written.history.add_saved(number, frame));

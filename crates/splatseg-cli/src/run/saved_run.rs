@@ -1,7 +1,7 @@
 //! The saved state of a run, for `--resume`.
 //!
 //! `.splatseg-resume/` in the folder of results contains the memory after some frame, `frames.jsonl` with a line for each
-//! frame so far, a similar file and a state file for each output, the state of the source of poses
+//! frame so far, a similar file and a state file for each output, `shown.jsonl` with what each frame showed (for the final pass), the state of the source of poses
 //! (`camera-120.safetensors`, see [`StateBlock`](splatseg_files::StateBlock)), and `state.json`. `state.json` is replaced last and
 //! determines the files that belong to the state. The frames' images are in the folder of results. Lines are only
 //! appended, so that the time of a save does not grow with the run. Lines after the saved state are dropped on resuming.
@@ -30,7 +30,7 @@ use std::path::{Path, PathBuf};
 pub const FOLDER: &str = ".splatseg-resume";
 
 /// Number of the form of the files. It goes up when a program could not continue what an earlier one has saved.
-const FORM: u32 = 1;
+const FORM: u32 = 2;
 
 const STATE: &str = "state.json";
 const FRAMES: &str = "frames";

@@ -10,6 +10,7 @@ mod crate_count;
 mod devices;
 mod evaluation;
 mod export;
+mod final_pass;
 mod find;
 mod input;
 mod inspect;

@@ -77,6 +77,7 @@ fn write_page(folder: &Path) -> usize {
             file_name: number.to_string(),
             frame,
             segments,
+            regions: None,
             objects,
             anchor: FrameAnchor::default(),
             remapped: Vec::new(),

@@ -178,7 +178,7 @@ fn a_run_is_resumed_only_with_its_own_options_and_intact_state() {
         ("state.json", "{"),
         ("state.json", &state.replace("\"frames\": ", "\"frames\": 9")),
         ("state.json", &state.replace("\"next\": ", "\"next\": 9")),
-        ("state.json", &state.replace("\"form\": 1", "\"form\": 0")),
+        ("state.json", &state.replace("\"form\": ", "\"form\": 9")),
         (&camera, "{}"),
         ("frames.jsonl", "{\"index\": 0}\n"),
         ("frames.jsonl", ""),

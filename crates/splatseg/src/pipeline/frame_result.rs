@@ -1,7 +1,7 @@
 //! What a pipeline returns for a frame.
 
 use super::StageTimes;
-use splatseg_geometry::{FrameAnchor, RemappedId};
+use splatseg_geometry::{FrameAnchor, RemappedId, SegmentMap};
 use splatseg_objects::ObjectSighting;
 use splatseg_odometry::{CameraPose, InputDoubt, PoseEvent};
 use splatseg_tracking::FrameOutput;
@@ -11,6 +11,8 @@ use splatseg_tracking::FrameOutput;
 pub struct FrameResult {
     /// The method's result: an id per pixel, masks, changes to the memory.
     pub output: FrameOutput,
+    /// The segmenter's finer cut of the frame, if it has one: for [`Pipeline::look_again`](super::Pipeline::look_again).
+    pub regions: Option<SegmentMap>,
     /// The objects in the frame, by increasing id.
     pub objects: Vec<ObjectSighting>,
     /// Time of each stage.

@@ -7,6 +7,7 @@ mod builder;
 mod error;
 mod frame_result;
 mod frames;
+mod hindsight;
 mod kept_names;
 mod named_map;
 mod naming;

@@ -70,5 +70,5 @@ pub(super) fn process(
     objects.remap(&output.update.remapped);
     let objects = objects.record(&output);
     let (remapped, events, doubts) = (Vec::new(), Vec::new(), Vec::new());
-    Ok(FrameResult { output, objects, times, pose, anchor, remapped, events, doubts })
+    Ok(FrameResult { output, regions: found.regions, objects, times, pose, anchor, remapped, events, doubts })
 }

@@ -74,6 +74,9 @@ settings! {
         segment_ahead: bool = true, Allowed::Switch;
         /// Makes `run` write `index.html`, a page that shows the map, the video and the list of objects.
         page: bool = true, Allowed::Switch;
+        /// Leaves out the final pass, in which the map of the end decides the ids of all frames again. Results are then
+        /// what was known at the time of each frame. The paper has no such pass.
+        online: bool = false, Allowed::Switch;
         /// Seed of all random numbers.
         seed: u64 = 0, Allowed::between(0.0, Allowed::MAX_WHOLE as f64);
         /// Ends the run at the first frame that cannot be used, instead of skipping it, and when the frames contradict

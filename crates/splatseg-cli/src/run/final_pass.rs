@@ -1,0 +1,231 @@
+//! The final pass: after the last frame, the map decides the ids of all frames again.
+//!
+//! It reads the recording once more, and needs no segmenter. Images are replaced frame by frame, and the outputs are made
+//! anew from the frames with their final ids, so that names, boxes, masks, recording and page agree with the images.
+//! Until then, the results are those of the time. An id means the same object in both.
+
+use super::RunJob;
+use super::frame_history::{FrameHistory, WrittenFrame};
+use super::frame_loop::{EarlyEnd, LoopOutcome};
+use super::outputs;
+use super::progress::Progress;
+use super::result_writer::WriterOutcome;
+use super::shown_frames;
+use super::stop_signals::StopSignals;
+use crate::output_folder::result_files;
+use rayon::current_num_threads;
+use rayon::prelude::*;
+use splatseg::Pipeline;
+use splatseg::summary::needs_rgb;
+use splatseg_dataset::{FrameStream, GroundTruth, Scene, StreamedFrame};
+use splatseg_geometry::{FrameAnchor, Pose, RgbdFrame, SegmentId};
+use splatseg_objects::{ObjectLog, RemapLog};
+use splatseg_odometry::PoseState;
+use splatseg_output::{ChangesSince, FrameRecord, ObjectsFile, OutputError, ResultFolder, RunEnd, RunOutput};
+use splatseg_tracking::{FrameOutput, Hindsight, ShownFrame, TrackingError};
+use std::collections::BTreeSet;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Most frames that are decided at the same time. They take memory.
+const MOST_AT_ONCE: usize = 8;
+
+/// A run whose frames are decided again.
+pub struct FinalPass<'a> {
+    /// The run.
+    pub job: &'a RunJob,
+    /// Its scene.
+    pub scene: &'a Arc<dyn Scene>,
+    /// Signals that stop the pass.
+    pub signals: &'a StopSignals,
+}
+
+/// The frames decided so far.
+struct Decided {
+    outputs: Vec<Box<dyn RunOutput>>,
+    objects: ObjectLog,
+    ids: BTreeSet<SegmentId>,
+    rgb_id_images: usize,
+}
+
+/// A frame to be decided again.
+struct Frame<'h> {
+    written: &'h WrittenFrame,
+    /// With its final pose.
+    frame: RgbdFrame<'static>,
+    shown: ShownFrame,
+}
+
+impl FinalPass<'_> {
+    /// Decides the frames of `history` again and writes their results. Returns false if the results stay as they are,
+    /// which is then said, or if a signal has stopped the pass.
+    pub fn run(
+        &self,
+        pipeline: &mut Pipeline,
+        history: &FrameHistory,
+        ended: &mut LoopOutcome,
+        changes: Option<ChangesSince<'_>>,
+    ) -> bool {
+        let LoopOutcome { counts, written, early } = ended;
+        let Some(shown) = written.shown_path() else { return false };
+        let mut decided = Decided {
+            outputs: outputs::of(self.job),
+            objects: ObjectLog::default(),
+            ids: BTreeSet::new(),
+            rgb_id_images: 0,
+        };
+        match self.decide_all(pipeline, (history, &shown), written, &mut decided) {
+            Ok(None) => {}
+            Ok(Some(stopped)) => {
+                counts.interrupted = true;
+                *early = Some(stopped);
+                return false;
+            }
+            Err(error) => {
+                written.output_errors.push(error);
+                return false;
+            }
+        }
+        pipeline.set_objects(decided.objects);
+        written.outputs = decided.outputs;
+        self.finish(pipeline, written, changes);
+        for id in counts.ids.difference(&decided.ids) {
+            let removed = written.folder.remove(&ObjectsFile::crop(*id));
+            written.output_errors.extend(removed.err());
+        }
+        counts.ids = decided.ids;
+        counts.rgb_id_images = decided.rgb_id_images;
+        true
+    }
+
+    /// Returns what has stopped the pass, if anything has.
+    fn decide_all(
+        &self,
+        pipeline: &Pipeline,
+        (history, path): (&FrameHistory, &Path),
+        written: &mut WriterOutcome,
+        decided: &mut Decided,
+    ) -> Result<Option<EarlyEnd>, OutputError> {
+        let unreadable = |source| OutputError::Read { path: path.to_owned(), source };
+        let Some(hindsight) = pipeline.hindsight() else { return Ok(None) };
+        let corrections = history.pose_corrections(&pipeline.keyframes());
+        let mut lines = shown_frames::read(path).map_err(unreadable)?;
+        let stream = FrameStream::open(Arc::clone(self.scene), &self.job.settings.dataset, GroundTruth::Skip)?;
+        let mut frames = history.written().iter().enumerate().peekable();
+        let mut progress = Progress::again(history.written().len());
+        let at_once = current_num_threads().clamp(1, MOST_AT_ONCE);
+        let (mut waiting, mut before) = (Vec::new(), Vec::new());
+        for streamed in stream {
+            if let Some(signal) = self.signals.received() {
+                progress.finish();
+                return Ok(Some(EarlyEnd::Signal(signal)));
+            }
+            // A frame that could not be used then has no result.
+            let Ok(StreamedFrame { index, frame, .. }) = streamed else { continue };
+            let Some((position, written_frame)) = frames.next_if(|(_, frame)| frame.index == index) else { continue };
+            let line = lines.next().unwrap_or_else(|| Err(io::ErrorKind::UnexpectedEof.into()));
+            let shown = line.and_then(|line| shown_frames::parsed(&line, (frame.width(), frame.height())));
+            let mut shown = shown.map_err(unreadable)?;
+            let names = history.remaps().final_ids(position);
+            if !names.is_empty() {
+                shown.segments = shown.segments.map(|id| *names.get(id).unwrap_or(id));
+            }
+            let correction = corrections.get(position).copied().flatten().unwrap_or(Pose::IDENTITY);
+            let frame = frame.at(correction * written_frame.world_from_camera);
+            waiting.push(Frame { written: written_frame, frame, shown });
+            if waiting.len() == at_once {
+                before = step(hindsight, std::mem::take(&mut waiting), before, written, decided)?;
+            }
+            progress.frame_done();
+        }
+        before = step(hindsight, waiting, before, written, decided)?;
+        step(hindsight, Vec::new(), before, written, decided)?;
+        progress.finish();
+        match frames.next() {
+            None => Ok(None),
+            Some((_, frame)) => {
+                let lost = format!("the frame {} cannot be read again: the final pass ended there", frame.file_name);
+                Err(unreadable(io::Error::other(lost)))
+            }
+        }
+    }
+
+    /// Writes the outputs that need the whole run, in place of those of before.
+    fn finish(&self, pipeline: &Pipeline, written: &mut WriterOutcome, changes: Option<ChangesSince<'_>>) {
+        let objects = pipeline.object_list();
+        let end = RunEnd {
+            scene: &self.job.scene.display().to_string(),
+            objects: &objects,
+            map: pipeline.map(),
+            pose_corrections: &[],
+            remaps: &RemapLog::default(),
+            changes,
+        };
+        written.for_each_output(|output, folder| output.finish(&end, folder));
+    }
+}
+
+/// Decides the frames of `next` while the results of `before` are written. Returns the former with their results.
+fn step<'h>(
+    hindsight: &dyn Hindsight,
+    next: Vec<Frame<'h>>,
+    before: Vec<(Frame<'h>, FrameOutput)>,
+    written: &mut WriterOutcome,
+    decided: &mut Decided,
+) -> Result<Vec<(Frame<'h>, FrameOutput)>, OutputError> {
+    let decide = |frame: Frame<'h>| {
+        let output = match frame.written.pose_state {
+            // The map cannot be looked at from an unknown place.
+            PoseState::Lost => Ok(FrameOutput::from_segments(frame.shown.segments.clone())),
+            _ => hindsight.look_again(&frame.frame, &frame.shown),
+        };
+        (frame, output)
+    };
+    let write_all = || before.into_iter().try_for_each(|(frame, output)| write(frame, output, written, decided));
+    let (now, wrote) = rayon::join(|| next.into_par_iter().map(decide).collect::<Vec<_>>(), write_all);
+    wrote?;
+    let known = |(frame, output): (Frame<'h>, Result<FrameOutput, TrackingError>)| match output {
+        Ok(output) => Ok((frame, output)),
+        Err(source) => {
+            Err(OutputError::Io { path: PathBuf::from(&frame.written.file_name), source: io::Error::other(source) })
+        }
+    };
+    now.into_iter().map(known).collect()
+}
+
+/// Writes the results of a frame.
+fn write(
+    Frame { written: place, frame, .. }: Frame<'_>,
+    output: FrameOutput,
+    written: &mut WriterOutcome,
+    decided: &mut Decided,
+) -> Result<(), OutputError> {
+    let objects = decided.objects.record(&output);
+    decided.ids.extend(objects.iter().map(|object| object.id));
+    decided.rgb_id_images += usize::from(needs_rgb(&objects));
+    let record = FrameRecord {
+        number: place.number,
+        index: place.index,
+        file_name: place.file_name.clone(),
+        pose_state: place.pose_state,
+        frame,
+        segments: output.segments,
+        regions: None,
+        objects,
+        anchor: FrameAnchor::default(),
+        remapped: Vec::new(),
+    };
+    let [segments, overlay] = result_files(&record.file_name);
+    written.folder.write_segments(&segments, &record.segments)?;
+    written.folder.write_overlay(&overlay, record.frame.color(), &record.segments)?;
+    let WriterOutcome { folder, output_errors, .. } = written;
+    decided.outputs.retain_mut(|output| match output.add_frame(&record, folder) {
+        Ok(()) => true,
+        Err(error) => {
+            output_errors.push(error);
+            false
+        }
+    });
+    Ok(())
+}
