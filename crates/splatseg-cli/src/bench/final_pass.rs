@@ -5,9 +5,7 @@ use crate::run::{FrameHistory, SavedFrame, shown_frames};
 use splatseg::Pipeline;
 use splatseg::pipeline::FrameResult;
 use splatseg_dataset::{FrameStream, GroundTruth, Scene};
-use splatseg_geometry::Pose;
 use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScorer};
-use splatseg_odometry::PoseState;
 use std::fmt::Display;
 use std::io;
 use std::sync::Arc;
@@ -66,17 +64,10 @@ impl EarlierFrames {
         for streamed in stream {
             let Ok(streamed) = streamed else { continue };
             let next = frames.next_if(|(_, (frame, _))| frame.index == streamed.index);
-            let Some((position, (earlier, line))) = next else { continue };
-            let size = (streamed.frame.width(), streamed.frame.height());
-            let mut shown = shown_frames::parsed(&String::from_utf8_lossy(line), size).map_err(text)?;
-            let names = self.history.remaps().final_ids(position);
-            shown.segments = shown.segments.map(|id| *names.get(id).unwrap_or(id));
-            let correction = corrections.get(position).copied().flatten().unwrap_or(Pose::IDENTITY);
-            let frame = streamed.frame.at(correction * earlier.world_from_camera);
-            let segments = match earlier.pose_state {
-                PoseState::Lost => shown.segments,
-                _ => hindsight.look_again(&frame, &shown).map_err(text)?.segments,
-            };
+            let Some((position, (_, line))) = next else { continue };
+            let line = String::from_utf8_lossy(line);
+            let earlier = self.history.earlier(position, (streamed.frame, &line), &corrections).map_err(text)?;
+            let segments = earlier.decided(hindsight).map_err(text)?.segments;
             time += started.elapsed();
             if let Some(truth) = &streamed.ground_truth {
                 for scorer in &mut scorers {

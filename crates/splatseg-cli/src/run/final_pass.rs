@@ -5,7 +5,7 @@
 //! Until then, the results are those of the time. An id means the same object in both.
 
 use super::RunJob;
-use super::frame_history::{FrameHistory, WrittenFrame};
+use super::frame_history::{EarlierFrame, FrameHistory};
 use super::frame_loop::{EarlyEnd, LoopOutcome};
 use super::outputs;
 use super::progress::Progress;
@@ -18,11 +18,10 @@ use rayon::prelude::*;
 use splatseg::Pipeline;
 use splatseg::summary::needs_rgb;
 use splatseg_dataset::{FrameStream, GroundTruth, Scene, StreamedFrame};
-use splatseg_geometry::{FrameAnchor, Pose, RgbdFrame, SegmentId};
+use splatseg_geometry::{FrameAnchor, SegmentId};
 use splatseg_objects::{ObjectLog, RemapLog};
-use splatseg_odometry::PoseState;
 use splatseg_output::{ChangesSince, FrameRecord, ObjectsFile, OutputError, ResultFolder, RunEnd, RunOutput};
-use splatseg_tracking::{FrameOutput, Hindsight, ShownFrame, TrackingError};
+use splatseg_tracking::{FrameOutput, Hindsight, TrackingError};
 use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -47,14 +46,6 @@ struct Decided {
     objects: ObjectLog,
     ids: BTreeSet<SegmentId>,
     rgb_id_images: usize,
-}
-
-/// A frame to be decided again.
-struct Frame<'h> {
-    written: &'h WrittenFrame,
-    /// With its final pose.
-    frame: RgbdFrame<'static>,
-    shown: ShownFrame,
 }
 
 impl FinalPass<'_> {
@@ -123,17 +114,10 @@ impl FinalPass<'_> {
             }
             // A frame that could not be used then has no result.
             let Ok(StreamedFrame { index, frame, .. }) = streamed else { continue };
-            let Some((position, written_frame)) = frames.next_if(|(_, frame)| frame.index == index) else { continue };
+            let Some((position, _)) = frames.next_if(|(_, frame)| frame.index == index) else { continue };
             let line = lines.next().unwrap_or_else(|| Err(io::ErrorKind::UnexpectedEof.into()));
-            let shown = line.and_then(|line| shown_frames::parsed(&line, (frame.width(), frame.height())));
-            let mut shown = shown.map_err(unreadable)?;
-            let names = history.remaps().final_ids(position);
-            if !names.is_empty() {
-                shown.segments = shown.segments.map(|id| *names.get(id).unwrap_or(id));
-            }
-            let correction = corrections.get(position).copied().flatten().unwrap_or(Pose::IDENTITY);
-            let frame = frame.at(correction * written_frame.world_from_camera);
-            waiting.push(Frame { written: written_frame, frame, shown });
+            let earlier = line.and_then(|line| history.earlier(position, (frame, &line), &corrections));
+            waiting.push(earlier.map_err(unreadable)?);
             if waiting.len() == at_once {
                 before = step(hindsight, std::mem::take(&mut waiting), before, written, decided)?;
             }
@@ -169,23 +153,19 @@ impl FinalPass<'_> {
 /// Decides the frames of `next` while the results of `before` are written. Returns the former with their results.
 fn step<'h>(
     hindsight: &dyn Hindsight,
-    next: Vec<Frame<'h>>,
-    before: Vec<(Frame<'h>, FrameOutput)>,
+    next: Vec<EarlierFrame<'h>>,
+    before: Vec<(EarlierFrame<'h>, FrameOutput)>,
     written: &mut WriterOutcome,
     decided: &mut Decided,
-) -> Result<Vec<(Frame<'h>, FrameOutput)>, OutputError> {
-    let decide = |frame: Frame<'h>| {
-        let output = match frame.written.pose_state {
-            // The map cannot be looked at from an unknown place.
-            PoseState::Lost => Ok(FrameOutput::from_segments(frame.shown.segments.clone())),
-            _ => hindsight.look_again(&frame.frame, &frame.shown),
-        };
+) -> Result<Vec<(EarlierFrame<'h>, FrameOutput)>, OutputError> {
+    let decide = |frame: EarlierFrame<'h>| {
+        let output = frame.decided(hindsight);
         (frame, output)
     };
     let write_all = || before.into_iter().try_for_each(|(frame, output)| write(frame, output, written, decided));
     let (now, wrote) = rayon::join(|| next.into_par_iter().map(decide).collect::<Vec<_>>(), write_all);
     wrote?;
-    let known = |(frame, output): (Frame<'h>, Result<FrameOutput, TrackingError>)| match output {
+    let known = |(frame, output): (EarlierFrame<'h>, Result<FrameOutput, TrackingError>)| match output {
         Ok(output) => Ok((frame, output)),
         Err(source) => {
             Err(OutputError::Io { path: PathBuf::from(&frame.written.file_name), source: io::Error::other(source) })
@@ -196,7 +176,7 @@ fn step<'h>(
 
 /// Writes the results of a frame.
 fn write(
-    Frame { written: place, frame, .. }: Frame<'_>,
+    EarlierFrame { written: place, frame, .. }: EarlierFrame<'_>,
     output: FrameOutput,
     written: &mut WriterOutcome,
     decided: &mut Decided,

@@ -2,11 +2,14 @@
 //! poses, and shows that ids are the same object.
 
 use super::saved_run::SavedFrame;
-use splatseg_geometry::{KeyframeId, Pose, SegmentId};
+use super::shown_frames;
+use splatseg_geometry::{CameraFrame, KeyframeId, Pose, RgbdFrame, SegmentId};
 use splatseg_objects::{ObjectList, RemapLog};
 use splatseg_odometry::{KeyframePlace, PoseState};
 use splatseg_output::FrameRecord;
+use splatseg_tracking::{FrameOutput, Hindsight, ShownFrame, TrackingError};
 use std::collections::{BTreeMap, BTreeSet};
+use std::io;
 use std::ops::Range;
 
 /// The written frames, in order. A frame's position is its place among them.
@@ -34,6 +37,30 @@ pub struct WrittenFrame {
     pub pose_state: PoseState,
     /// The ids of its objects when it was written.
     ids: Vec<SegmentId>,
+}
+
+/// A frame to be decided again.
+#[derive(Debug)]
+pub struct EarlierFrame<'h> {
+    /// The frame when it was written.
+    pub written: &'h WrittenFrame,
+    /// The frame with its final pose.
+    pub frame: RgbdFrame<'static>,
+    /// What it showed.
+    pub shown: ShownFrame,
+}
+
+impl EarlierFrame<'_> {
+    /// Decides the frame again. One whose pose is unknown shows what it showed: the map cannot be looked at from there.
+    ///
+    /// # Errors
+    /// As [`Hindsight::look_again`].
+    pub fn decided(&self, hindsight: &dyn Hindsight) -> Result<FrameOutput, TrackingError> {
+        match self.written.pose_state {
+            PoseState::Lost => Ok(FrameOutput::from_segments(self.shown.segments.clone())),
+            _ => hindsight.look_again(&self.frame, &self.shown),
+        }
+    }
 }
 
 impl FrameHistory {
@@ -106,6 +133,28 @@ impl FrameHistory {
             corrections.get_mut(range).unwrap_or_default().fill(Some(correction));
         }
         corrections
+    }
+
+    /// A frame with its final pose, and what it showed with the names that ids have by now. `position` is its place among the
+    /// frames, `frame` what was recorded, `line` what [`shown_frames`](super::shown_frames) keeps of it, and `corrections` what
+    /// [`Self::pose_corrections`] returns.
+    ///
+    /// # Errors
+    /// If the line is damaged.
+    pub fn earlier(
+        &self,
+        position: usize,
+        (frame, line): (CameraFrame<'static>, &str),
+        corrections: &[Option<Pose>],
+    ) -> io::Result<EarlierFrame<'_>> {
+        let written = self.frames.get(position).ok_or(io::ErrorKind::InvalidInput)?;
+        let mut shown = shown_frames::parsed(line, (frame.width(), frame.height()))?;
+        let names = self.remaps.final_ids(position);
+        if !names.is_empty() {
+            shown.segments = shown.segments.map(|id| *names.get(id).unwrap_or(id));
+        }
+        let correction = corrections.get(position).copied().flatten().unwrap_or(Pose::IDENTITY);
+        Ok(EarlierFrame { written, frame: frame.at(correction * written.world_from_camera), shown })
     }
 
     /// Sets the number of frames that show each joined object. The log of objects counts frames twice that showed both
