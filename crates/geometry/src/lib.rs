@@ -13,6 +13,7 @@
 //!
 //! This crate does no I/O and starts no threads.
 
+mod affinities;
 mod assignment;
 mod distance_transform;
 mod distortion;
@@ -34,6 +35,7 @@ mod segment_map;
 mod segmentation;
 mod stamped_pose;
 
+pub use affinities::{Affinities, AffinityPlane};
 pub use assignment::{Candidate, Ratio, best_assignment};
 pub use distance_transform::distance_transform;
 pub use distortion::{Distortion, DistortionError};

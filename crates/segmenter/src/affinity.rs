@@ -36,10 +36,12 @@ pub use weights::AffinityWeightsError;
 use crate::{Segmenter, SegmenterError};
 use grid::Grid;
 use network::NetworkMemory;
+use rayon::prelude::*;
 use regions::RegionGraph;
 use resolution::ScaledFrame;
-use splatseg_geometry::{CameraFrame, Mask, ScoredMask, SegmentMap, Segmentation};
+use splatseg_geometry::{Affinities, AffinityPlane, CameraFrame, Mask, ScoredMask, SegmentMap, Segmentation};
 use splatseg_kernels::feature_map::FeatureMap;
+use weights::Offset;
 
 /// Log-odds above which regions are merged for the finer cut: what they unite lies in one object for certain.
 const REGION_THRESHOLD: f32 = -0.5;
@@ -123,7 +125,34 @@ impl Segmenter for AffinitySegmenter {
             let (row, column) = (row * scaled_size.1 / height, column * scaled_size.0 / width);
             fine.segment_of_region[labels[row * scaled_size.0 + column] as usize] + 1
         });
-        Ok(Segmentation { masks, regions: Some(regions) })
+        let affinities = affinities(&self.memory.log_odds, &self.network.offsets, scaled_size, start, (width, height));
+        Ok(Segmentation { masks, regions: Some(regions), affinities: Some(affinities) })
+    }
+}
+
+/// The log-odds of the half-size image, whose first pixel is the scaled frame's at row and column `start`, on the grid of
+/// the frame's pixels.
+fn affinities(
+    log_odds: &FeatureMap,
+    offsets: &[Offset],
+    scaled_size: (usize, usize),
+    start: [usize; 2],
+    (width, height): (usize, usize),
+) -> Affinities {
+    let places = |count: usize, start: usize, scaled: usize, size: usize| {
+        // The first of the frame's pixels that this pixel of the scaled frame stands for.
+        (0..count).map(|place| ((2 * place + start) * size).div_ceil(scaled) as u32).collect()
+    };
+    let plane = |channel: usize| {
+        let mut plane = Vec::with_capacity(log_odds.width() * log_odds.height());
+        (0..log_odds.height())
+            .for_each(|row| plane.extend(log_odds.row(channel, row).iter().map(|value| Affinities::quantised(*value))));
+        AffinityPlane { right: offsets[channel].right, down: offsets[channel].down, log_odds: plane }
+    };
+    Affinities {
+        columns: places(log_odds.width(), start[1], scaled_size.0, width),
+        rows: places(log_odds.height(), start[0], scaled_size.1, height),
+        planes: (0..offsets.len()).into_par_iter().map(plane).collect(),
     }
 }
 
