@@ -160,6 +160,13 @@ impl Pipeline {
         step_result(py, result.map_err(|error| pipeline_error(py, &error))?, time)
     }
 
+    /// Decides from all frames so far which parts of the map are one object. Returns false if nothing can change.
+    fn settle(&self, py: Python<'_>) -> PyResult<bool> {
+        let mut guard = self.lock()?;
+        let state = &mut *guard;
+        py.detach(|| in_pool(self.threads.as_ref(), || state.pipeline.settle())).map_err(runtime_error)
+    }
+
     /// The ids of an earlier frame as the map shows them now; those of the time if its pose was unknown.
     #[pyo3(signature = (rgb, depth, k, camera_to_world, ids, regions=None, depth_scale=None))]
     #[allow(clippy::too_many_arguments, reason = "the parts of a frame, and what it showed")]

@@ -52,6 +52,7 @@ def test_a_frame_can_be_looked_at_again(tmp_path, room):
     pipeline = ss.FastSamSplat()
     results = [step(pipeline, frame) for frame in room]
     assert results[0].regions.shape == results[0].ids.shape
+    assert pipeline.settle()
     again = [pipeline.look_again(result) for result in results]
     for frame, ids in zip(room, again, strict=True):
         np.testing.assert_array_equal(ids, read_ids(out / "segments" / f"{frame.name}.png"))
@@ -60,6 +61,7 @@ def test_a_frame_can_be_looked_at_again(tmp_path, room):
     result = step(other, room[0])
     with pytest.raises(ValueError, match="cannot look at frames again"):
         other.look_again(result)
+    assert not other.settle()
 
 
 def test_a_step_says_what_it_found(room):

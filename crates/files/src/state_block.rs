@@ -127,10 +127,10 @@ mod number {
         )*};
     }
 
-    numbers!(u8 => U8, u16 => U16, i16 => I16, u32 => U32, u64 => U64, i64 => I64, f32 => F32, f64 => F64);
+    numbers!(u8 => U8, u16 => U16, i16 => I16, u32 => U32, i32 => I32, u64 => U64, i64 => I64, f32 => F32, f64 => F64);
 }
 
-/// A number that arrays of a [`StateBlock`] consist of: `u8`, `u16`, `i16`, `u32`, `u64`, `i64`, `f32` or `f64`.
+/// A number that arrays of a [`StateBlock`] consist of: `u8`, `u16`, `i16`, `u32`, `i32`, `u64`, `i64`, `f32` or `f64`.
 pub trait StateNumber: number::Number {}
 
 impl View for &Array {

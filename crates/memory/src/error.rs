@@ -31,6 +31,17 @@ pub enum MemoryError {
         /// Size of the frame.
         expected: (usize, usize),
     },
+    /// The regions, or the grid of the affinities, do not fit the frame; both sizes are `(width, height)`.
+    #[error(
+        "regions of {}x{} pixels and affinities do not fit the frame of {}x{}",
+        regions.0, regions.1, expected.0, expected.1
+    )]
+    Affinities {
+        /// Size of the regions.
+        regions: (usize, usize),
+        /// Size of the frame.
+        expected: (usize, usize),
+    },
     /// A prediction has an id that [`SplatMemory::new_segment`](crate::SplatMemory::new_segment) never returned.
     #[error("a prediction has the id {found}, but only 1 to {known} exist")]
     UnknownSegment {

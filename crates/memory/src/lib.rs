@@ -27,6 +27,7 @@ mod memory_kind;
 mod memory_rules;
 mod old_saved_state;
 mod origin;
+mod patches;
 mod persistence;
 mod ply;
 mod recall;

@@ -1,6 +1,7 @@
 //! The state besides the Gaussians in files of version 4, which is text: JSON, with the keyframes and names as texts in
 //! it. It is only read.
 
+use crate::patches::SavedPatches;
 use crate::recent::{SavedIdRuns, SavedPreviousFrame, SavedRecentFrames, SavedSketch};
 use crate::saved_state::SavedState;
 use crate::segments::{SavedIds, SavedRelease};
@@ -75,6 +76,7 @@ pub(crate) fn converted(text: &[u8]) -> Result<StateBlock, String> {
     let pairs = old.together.into_iter().flat_map(|(id, larger)| larger.into_iter().map(move |other| [id, other]));
     let saved = SavedState {
         ids: SavedIds { given: old.ids.given, released },
+        patches: SavedPatches::default(),
         recent: old.recent.converted(),
         anchors: old.anchors,
         surfaces: old.surfaces,

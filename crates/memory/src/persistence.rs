@@ -1,6 +1,7 @@
 //! Saving a memory after one run and continuing it in another.
 
 use crate::co_visible::CoVisibleIds;
+use crate::patches::PatchGraph;
 use crate::recent::RecentFrames;
 use crate::saved_state::{SavedState, restored_runs, runs};
 use crate::segments::{SavedSegment, Segments};
@@ -54,6 +55,7 @@ impl SplatMemory {
         let (together, crowded) = self.co_visible.saved();
         let saved_state = SavedState {
             ids: self.segments.saved_ids(),
+            patches: self.patches.saved(),
             recent: self.recent.saved(),
             anchors: runs(&self.map.anchors),
             surfaces: if is_observed { Vec::new() } else { runs(&self.map.surfaces) },
@@ -98,18 +100,19 @@ impl SplatMemory {
             let recent = RecentFrames::restored(saved.recent, segments.highest())?;
             map.anchors = restored_runs("keyframes", &saved.anchors, map.len(), 0)?;
             map.surfaces = restored_runs("surfaces", &saved.surfaces, map.len(), SurfaceKind::Observed)?;
+            let patches = PatchGraph::restored(saved.patches, map.len(), segments.highest())?;
             let together = CoVisibleIds::restored((saved.together, saved.crowded));
             let bytes = |block: StateBlock| (!block.is_empty()).then(|| block.to_bytes()).transpose();
             let attached = bytes(saved.keyframes).and_then(|keyframes| Ok((keyframes, bytes(saved.names)?)));
-            Ok((segments, recent, together, saved.remapped, attached.map_err(|error| error.to_string())?))
+            Ok((segments, patches, recent, together, saved.remapped, attached.map_err(|error| error.to_string())?))
         });
         let damaged = |found| LoadMemoryError::SavedState { path: path.display().to_string(), found };
-        let (segments, recent, together, remapped, (keyframes, names)) = restored.map_err(damaged)?;
+        let (segments, patches, recent, together, remapped, (keyframes, names)) = restored.map_err(damaged)?;
         let saved = SavedStore { path, content, highest_id: segments.highest() };
         let store = (settings.kind.definition().restore)(&settings, saved)?;
         let mut memory = Self::with_parts(settings, map, store, segments);
         (memory.frames, memory.origin) = (frames, origin);
-        (memory.recent, memory.co_visible) = (recent, together);
+        (memory.patches, memory.recent, memory.co_visible) = (patches, recent, together);
         memory.remapped = remapped.into_iter().map(|[from, into]| (from, into)).collect();
         (memory.keyframes, memory.names) = (keyframes, names);
         Ok(memory)

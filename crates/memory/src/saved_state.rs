@@ -12,10 +12,12 @@
 //! | `memory.co_visible` | `u32 [n, 2]` | ids that were shown side by side, the smaller one first |
 //! | `memory.crowded` | `u32 [n]` | ids that were shown beside too many others to list them |
 //! | `memory.remapped` | `u32 [n, 2]` | ids that turned out to be older ones' objects, with those |
+//! | `patches.…` | | evidence about which Gaussians are one object, see `patches/saved.rs` |
 //! | `recent.…` | | the last frames, see `recent/saved.rs` |
 //! | `keyframes.…` | | the camera's keyframes, see `saved_keyframes.rs` in `odometry` |
 //! | `names.…` | | the names of objects, see `names.rs` in `objects` |
 
+use crate::patches::SavedPatches;
 use crate::recent::SavedRecentFrames;
 use crate::segments::{SavedIds, SavedRelease};
 use splatseg_files::{StateBlock, StateError};
@@ -31,6 +33,7 @@ const SURFACES: &str = "memory.surfaces";
 const CO_VISIBLE: &str = "memory.co_visible";
 const CROWDED: &str = "memory.crowded";
 const REMAPPED: &str = "memory.remapped";
+const PATCHES: &str = "patches";
 const RECENT: &str = "recent";
 const KEYFRAMES: &str = "keyframes";
 const NAMES: &str = "names";
@@ -40,6 +43,8 @@ const NAMES: &str = "names";
 pub(crate) struct SavedState {
     /// Ids that are not in use.
     pub ids: SavedIds,
+    /// Evidence about which Gaussians are one object.
+    pub patches: SavedPatches,
     /// The last frames.
     pub recent: SavedRecentFrames,
     /// The keyframe of each Gaussian, as runs: keyframe and length.
@@ -82,6 +87,7 @@ impl SavedState {
         if !self.crowded.is_empty() {
             block.put(CROWDED, &[], self.crowded);
         }
+        block.put_block(PATCHES, self.patches.into_block());
         block.put_block(RECENT, self.recent.into_block());
         block.put_block(KEYFRAMES, self.keyframes);
         block.put_block(NAMES, self.names);
@@ -100,6 +106,7 @@ impl SavedState {
         };
         Ok(Self {
             ids: SavedIds { given: block.get_number(GIVEN)?.unwrap_or(0), released: released.collect() },
+            patches: SavedPatches::from_block(&block.take_block(PATCHES))?,
             recent: SavedRecentFrames::from_block(&mut block.take_block(RECENT))?,
             anchors: block.get_tuples(ANCHORS)?.into_iter().map(anchor).collect::<Result<_, StateError>>()?,
             surfaces: surface_runs(&block)?,
@@ -176,6 +183,7 @@ mod tests {
         keyframes.put("id", &[], [3u32, 4]);
         SavedState {
             ids: SavedIds { given: 9, released: vec![SavedRelease(4, 1), SavedRelease(2, 0)] },
+            patches: SavedPatches::default(),
             recent: SavedRecentFrames::default(),
             anchors: vec![(0, 5), (7, 1 << 40)],
             surfaces: vec![(SurfaceKind::Assumed, 2), (SurfaceKind::Observed, 1), (SurfaceKind::Continued, 3)],

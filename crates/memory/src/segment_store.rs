@@ -95,14 +95,18 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
         None
     }
 
-    /// True if ids can be renamed and Gaussians absorbed. The default is false, and then the two methods for that are
-    /// never called.
+    /// True if ids can be renamed and replaced, and Gaussians absorbed. The default is false, and then the three methods
+    /// for that are never called.
     fn can_remap(&self) -> bool {
         false
     }
 
     /// Replaces ids, `names[old] = new`: the new id gets the votes of the old one.
     fn remap(&mut self, _names: &BTreeMap<SegmentId, SegmentId>) {}
+
+    /// Makes each Gaussian show its entry of `ids`, 0 for none, as surely as what it shows now. What it shows now, it
+    /// remembers as surely as it did that entry.
+    fn set_segments(&mut self, _ids: &[SegmentId]) {}
 
     /// Adds what Gaussian `from` remembers to Gaussian `into`. `from` is removed afterwards.
     fn merge_gaussian(&mut self, _from: usize, _into: usize) {}

@@ -6,6 +6,7 @@ use crate::doubles::Corrected;
 use crate::growth::new_gaussians;
 use crate::map::SplatMap;
 use crate::origin::{MIN_FAR_FRAMES, change_of_origin, is_far, origin_for};
+use crate::patches::PatchGraph;
 use crate::recall::{FramePlace, Recall, TileSurface};
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
@@ -15,8 +16,8 @@ use crate::{LearningExtent, MemoryError, MemoryRules, MemorySettings, NewStore, 
 use glam::DVec3;
 use rayon::prelude::*;
 use splatseg_geometry::{
-    FrameAnchor, KeyframeId, MapCorrection, MapSegments, MapView, Pose, RemappedId, RgbdFrame, STAGE_TARGET, SegmentId,
-    SegmentMap,
+    Affinities, FrameAnchor, KeyframeId, MapCorrection, MapSegments, MapView, Pose, RemappedId, RgbdFrame,
+    STAGE_TARGET, SegmentId, SegmentMap, Segmentation,
 };
 use splatseg_render::TileWeights;
 use std::collections::{BTreeMap, BTreeSet};
@@ -41,6 +42,8 @@ pub struct SplatMemory {
     /// The rules of the store, with the growth rule of the settings.
     pub(crate) rules: MemoryRules,
     pub(crate) segments: Segments,
+    /// Evidence about which Gaussians are one object.
+    pub(crate) patches: PatchGraph,
     /// The last frames. They decide between a frame and the map when the two contradict each other.
     pub(crate) recent: RecentFrames,
     /// Frames learnt.
@@ -113,6 +116,7 @@ impl SplatMemory {
             map,
             store,
             segments,
+            patches: PatchGraph::default(),
             recent: RecentFrames::default(),
             frames: 0,
             anchor: FrameAnchor::default(),
@@ -198,10 +202,26 @@ impl SplatMemory {
     /// As [`Self::fuse`].
     pub fn update(
         &mut self,
-        mut recall: Recall<'_>,
+        recall: Recall<'_>,
         predicted: &SegmentMap,
         contradicted: &BTreeSet<SegmentId>,
     ) -> Result<FrameUpdate, MemoryError> {
+        self.update_with_affinities(recall, predicted, contradicted, &Segmentation::default())
+    }
+
+    /// As [`Self::update`], and learns the affinities of `found`, what the segmenter found in the frame, for
+    /// [`Self::settle`].
+    ///
+    /// # Errors
+    /// As [`Self::fuse`], and [`MemoryError::Affinities`] if the affinities or regions do not fit the frame.
+    pub fn update_with_affinities(
+        &mut self,
+        mut recall: Recall<'_>,
+        predicted: &SegmentMap,
+        contradicted: &BTreeSet<SegmentId>,
+        found: &Segmentation,
+    ) -> Result<FrameUpdate, MemoryError> {
+        let evidence = self.fitting_affinities(&recall, found)?;
         self.check_predictions(&recall, predicted)?;
         let mut update =
             FrameUpdate { new_segments: self.segments.record_sightings(predicted), ..FrameUpdate::default() };
@@ -220,6 +240,11 @@ impl SplatMemory {
 
         let stage = tracing::debug_span!(target: STAGE_TARGET, "learn").entered();
         update.learning = self.store.learn(&recall, &self.map.balls, predicted, contradicted);
+        self.patches.add_unknown(self.map.len() - added.len());
+        if let Some(evidence) = evidence {
+            self.patches.learn(&recall, &added, predicted, evidence, &self.settings);
+        }
+        self.patches.add_unknown(self.map.len());
         self.recent.record(&recall, predicted, &self.settings);
         drop(stage);
 
@@ -228,6 +253,44 @@ impl SplatMemory {
         update.forgotten = self.release_ids(update.removed > 0).forgotten;
         self.frames = self.frames.saturating_add(1);
         Ok(update)
+    }
+
+    /// The regions and affinities of a frame if there are any and the store can use them.
+    fn fitting_affinities<'a>(
+        &self,
+        recall: &Recall<'_>,
+        found: &'a Segmentation,
+    ) -> Result<Option<(&'a SegmentMap, &'a Affinities)>, MemoryError> {
+        let evidence = found.regions.as_ref().zip(found.affinities.as_ref());
+        let Some((regions, affinities)) = evidence.filter(|_| self.store.can_remap()) else { return Ok(None) };
+        let expected = (recall.frame.width(), recall.frame.height());
+        if regions.size() != expected || !affinities.fits(expected) {
+            return Err(MemoryError::Affinities { regions: regions.size(), expected });
+        }
+        Ok(Some((regions, affinities)))
+    }
+
+    /// Decides from the affinities of all frames so far which Gaussians are one object. Every object keeps the id that most
+    /// frames gave it, or gets a new one if another object has more of that. Gaussians of frames without affinities keep
+    /// theirs. Returns false if the memory has learnt no affinities: then nothing changes.
+    ///
+    /// # Errors
+    /// If a store has no room for the ids of new objects.
+    pub fn settle(&mut self) -> Result<bool, MemoryError> {
+        if self.patches.is_empty() {
+            return Ok(false);
+        }
+        let Self { patches, segments, store, .. } = self;
+        let settled = patches.settled(|part_of| {
+            let id = segments.add();
+            segments.copy_sightings(part_of, id);
+            store.new_segment(id).map(|()| id)
+        })?;
+        let ids = settled.into_iter().zip(self.store.segment_ids());
+        let settled: Vec<SegmentId> = ids.map(|(settled, before)| settled.unwrap_or(before)).collect();
+        self.store.set_segments(&settled);
+        self.release_ids(false);
+        Ok(true)
     }
 
     /// Records a frame whose pose is unknown: its ids count as seen, but the map does not change. `predicted` contains the
@@ -271,6 +334,8 @@ impl SplatMemory {
         let remapped = same_objects(&doubles, &self.store.segment_ids(), &balls.radii, &self.co_visible);
         self.remap(&remapped);
         let keep = merge_doubles(&mut self.map, self.store.as_mut(), &doubles);
+        let merged = doubles.iter().filter(|double| !keep[double.later]);
+        self.patches.absorb(&merged.map(|double| (double.later, double.earlier)).collect::<Vec<_>>());
         self.retain(&keep);
         remapped
     }
@@ -299,6 +364,7 @@ impl SplatMemory {
         }
         let new_from_old: BTreeMap<SegmentId, SegmentId> = remapped.iter().map(|ids| (ids.from, ids.into)).collect();
         self.store.remap(&new_from_old);
+        self.patches.remap(&new_from_old);
         self.recent.remap(&new_from_old);
         for ids in remapped {
             self.co_visible.remap(*ids);
@@ -402,6 +468,7 @@ impl SplatMemory {
     fn retain(&mut self, keep: &[bool]) {
         self.map.retain(keep);
         self.store.retain(keep);
+        self.patches.retain(keep);
     }
 
     /// Finds the ids that the memory has lost. `has_removed` is true if Gaussians were removed in this frame.

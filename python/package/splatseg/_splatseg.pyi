@@ -83,6 +83,7 @@ class Pipeline:
         list[tuple[int, int]],
         NDArray[np.uint32] | None,
     ]: ...
+    def settle(self) -> bool: ...
     def look_again(
         self,
         rgb: NDArray[np.uint8],

@@ -135,6 +135,16 @@ class Pipeline:
             _depth_scale=depth_scale,
         )
 
+    def settle(self) -> bool:
+        """Decides from all frames so far which parts of the map are one object.
+
+        Every frame's evidence counts, where votes only remember the last few frames. Objects keep their ids as far as they
+        are still one object. Call it after the last frame, and then :meth:`look_again`: ``splatseg run`` does the same.
+        Returns ``False``, and changes nothing, if the segmenter does not say how surely pixels belong together; the default
+        one does.
+        """
+        return self._pipeline.settle()
+
     def look_again(self, result: StepResult) -> NDArray[np.uint32]:
         """The ids of an earlier frame as they are known now: uint32, ``(height, width)``.
 

@@ -245,6 +245,26 @@ impl SegmentStore for EvidenceStore {
         self.census.apply(changes);
     }
 
+    fn set_segments(&mut self, ids: &[SegmentId]) {
+        let mut changes = CensusChanges::default();
+        for (votes, id) in self.votes.iter_mut().zip(ids) {
+            let winner = votes.winner();
+            let swapped = |known: SegmentId| {
+                if known == winner {
+                    *id
+                } else if known == *id {
+                    winner
+                } else {
+                    known
+                }
+            };
+            let decided = votes.renamed(swapped);
+            changes.replace(votes, &decided);
+            *votes = decided;
+        }
+        self.census.apply(changes);
+    }
+
     fn merge_gaussian(&mut self, from: usize, into: usize) {
         let (more, before) = (self.votes[from], self.votes[into]);
         let votes = &mut self.votes[into];

@@ -9,7 +9,7 @@ use splatseg_metrics::{FramePrediction, Protocol, ScoreSettings, VideoScorer};
 use std::fmt::Display;
 use std::io;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// The frames of a job and what they showed.
 #[derive(Default)]
@@ -48,11 +48,13 @@ impl EarlierFrames {
         &self,
         scene: &Arc<dyn Scene>,
         inputs: &JobInputs,
-        pipeline: &Pipeline,
+        pipeline: &mut Pipeline,
     ) -> Result<Option<FinalScores>, String> {
         fn text(error: impl Display) -> String {
             error.to_string()
         }
+        let started = Instant::now();
+        pipeline.settle().map_err(text)?;
         let Some(hindsight) = pipeline.hindsight() else { return Ok(None) };
         let corrections = self.history.pose_corrections(&pipeline.keyframes());
         let scorer = |protocol| VideoScorer::new(ScoreSettings { protocol, ..inputs.score });
@@ -60,7 +62,7 @@ impl EarlierFrames {
         let dataset = &inputs.settings.dataset;
         let stream = FrameStream::open(Arc::clone(scene), dataset, GroundTruth::Read).map_err(text)?;
         let mut frames = self.history.written().iter().zip(&self.lines).enumerate().peekable();
-        let (mut time, mut started) = (Duration::ZERO, Instant::now());
+        let (mut time, mut started) = (started.elapsed(), Instant::now());
         for streamed in stream {
             let Ok(streamed) = streamed else { continue };
             let next = frames.next_if(|(_, (frame, _))| frame.index == streamed.index);

@@ -169,7 +169,7 @@ pub fn run(path: &Path, inputs: &JobInputs) -> Result<JobResult, String> {
     let mut doubts = pipeline.finish();
     doubts.retain(|doubt| doubt.kind.is_contradiction());
     tell(&doubts, inputs)?;
-    let again = |frames: EarlierFrames| frames.decide_again(&scene, inputs, &pipeline);
+    let again = |frames: EarlierFrames| frames.decide_again(&scene, inputs, &mut pipeline);
     let final_pass = earlier.map(again).transpose()?.flatten();
     let mesh = inputs.mesh.as_ref().zip(pipeline.map());
     let mesh = mesh.map(|(mesh, map)| mesh.score(&map)).transpose()?;

@@ -93,12 +93,15 @@ impl FinalPass<'_> {
     /// Returns what has stopped the pass, if anything has.
     fn decide_all(
         &self,
-        pipeline: &Pipeline,
+        pipeline: &mut Pipeline,
         (history, path): (&FrameHistory, &Path),
         written: &mut WriterOutcome,
         decided: &mut Decided,
     ) -> Result<Option<EarlyEnd>, OutputError> {
         let unreadable = |source| OutputError::Read { path: path.to_owned(), source };
+        pipeline
+            .settle()
+            .map_err(|source| OutputError::Io { path: path.to_owned(), source: io::Error::other(source) })?;
         let Some(hindsight) = pipeline.hindsight() else { return Ok(None) };
         let corrections = history.pose_corrections(&pipeline.keyframes());
         let mut lines = shown_frames::read(path).map_err(unreadable)?;

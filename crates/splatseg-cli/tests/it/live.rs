@@ -14,7 +14,7 @@ fn live(source: &Path, more: &[&str]) -> Ended {
 }
 
 #[test]
-fn every_frame_gives_the_map_of_a_run() {
+fn every_frame_gives_the_map_of_an_online_run() {
     let folder = tempfile::tempdir().unwrap();
     let [of_stream, of_run, out] = ["stream.ply", "run.ply", "out"].map(|name| folder.path().join(name));
     let ended = live(&recording(), &["--every-frame", "--map", of_stream.to_str().unwrap()]);
@@ -22,7 +22,7 @@ fn every_frame_gives_the_map_of_a_run() {
     assert!(ended.out.contains("4 frames, "), "{}", ended.out);
     let mut command = splatseg();
     command.arg("run").arg(recording()).arg("--out").arg(&out).arg("--save-memory").arg(&of_run);
-    let ended = finish(command.args(["--threads", "2", "--world-frame", "map"]));
+    let ended = finish(command.args(["--threads", "2", "--world-frame", "map", "--online"]));
     assert_eq!(ended.code, 0, "{}", ended.err);
     assert!(fs::read(&of_stream).unwrap() == fs::read(&of_run).unwrap(), "the maps differ");
     let ids = |path: &Path| -> Vec<u64> {

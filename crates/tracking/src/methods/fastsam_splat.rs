@@ -270,7 +270,10 @@ impl Method for FastSamSplat {
             contradicted.remove(from);
             predicted.pixels_mut().iter_mut().filter(|id| *id == from).for_each(|id| *id = *into);
         }
-        let update = FrameUpdate { remapped, ..self.memory.update(recall, &predicted, &contradicted)? };
+        let update = FrameUpdate {
+            remapped,
+            ..self.memory.update_with_affinities(recall, &predicted, &contradicted, segmentation)?
+        };
         self.memory.record_shown(&segments);
         let segments = self.without_tentative(segments);
         Ok(FrameOutput {
@@ -318,6 +321,10 @@ impl Method for FastSamSplat {
     }
 
     /// Memories of features forget in every frame that does not confirm them: at the end they know less than before.
+    fn settle(&mut self) -> Result<bool, TrackingError> {
+        Ok(self.memory.settle()?)
+    }
+
     fn hindsight(&self) -> Option<&dyn Hindsight> {
         self.memory.rules().judges_predictions.then_some(self as &dyn Hindsight)
     }

@@ -69,6 +69,15 @@ pub trait Method: Send {
         None
     }
 
+    /// Decides from all frames so far which parts of the map are one object; see [`SplatMemory::settle`]. Returns false if
+    /// the method or the segmenter has no evidence for that: then nothing changes.
+    ///
+    /// # Errors
+    /// If the memory fails.
+    fn settle(&mut self) -> Result<bool, TrackingError> {
+        Ok(false)
+    }
+
     /// The map, if the method has one.
     fn map(&self) -> Option<MapView<'_>> {
         self.memory().map(SplatMemory::map)

@@ -1,0 +1,283 @@
+//! Evidence about which places of the map are one object, for segmenters that say how surely pairs of pixels are.
+//!
+//! A patch is a group of neighbouring Gaussians that the map got from one frame, in one region of the segmenter's finer cut
+//! and one cell of its grid. Every frame adds the log-odds of all pairs of pixels that show two different patches
+//! ([`frame_pairs`]), and counts which ids were predicted where a patch is seen. Objects are a partition of the patches
+//! ([`partition`]). So what a frame found is kept with how sure it was, for as long as the surface is there, where votes
+//! only remember the verdicts of the last few frames.
+
+mod frame_pairs;
+mod frame_patches;
+mod partition;
+mod saved;
+#[cfg(test)]
+mod tests;
+
+use crate::MemorySettings;
+use crate::map::NewGaussian;
+use crate::recall::Recall;
+use frame_pairs::pairs_of;
+use frame_patches::{FrameCells, FramePatches};
+use partition::{Objects, partition};
+use splatseg_geometry::{Affinities, SegmentId, SegmentMap};
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::hash::{BuildHasherDefault, Hasher};
+
+pub(crate) use saved::SavedPatches;
+
+/// Number that stands for no patch.
+pub(crate) const NO_PATCH: u32 = u32::MAX;
+
+/// Ids that a patch remembers. A new one replaces the one with the fewest pixels.
+const IDS_PER_PATCH: usize = 8;
+
+/// An object gets a new id only if frames saw at least this many pixels of it, of the grid of affinities and of all frames
+/// together. Scraps keep the ids that their Gaussians show.
+const MIN_NEW_OBJECT: u64 = 250;
+
+/// Pairs of pixels between two patches that are remembered. Beyond them, sum and count are halved.
+const MAX_PAIRS: u32 = 1 << 22;
+
+/// A hash for keys that differ in few bits: the multiplication moves them to the upper ones.
+#[derive(Default)]
+pub(crate) struct KeyHasher(u64);
+
+impl Hasher for KeyHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        bytes.iter().for_each(|byte| self.write_u64(u64::from(*byte)));
+    }
+
+    fn write_u64(&mut self, key: u64) {
+        let product = (self.0 ^ key).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 = product ^ (product >> 32);
+    }
+}
+
+type ByKey<T> = HashMap<u64, T, BuildHasherDefault<KeyHasher>>;
+
+/// Evidence about a pair of patches.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct PairEvidence {
+    /// Sum of the log-odds, units of 1 / [`Affinities::UNIT`].
+    pub sum: i32,
+    /// Number of pairs of pixels.
+    pub count: u32,
+}
+
+impl PairEvidence {
+    fn add(&mut self, more: Self) {
+        self.sum += more.sum;
+        self.count += more.count;
+        while self.count > MAX_PAIRS {
+            self.sum /= 2;
+            self.count /= 2;
+        }
+    }
+}
+
+/// A group of neighbouring Gaussians that are one object.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Patch {
+    /// Number of its Gaussians; without any, its number is given to a new patch.
+    gaussians: u32,
+    /// Pixels of all frames at which each id was predicted there, by increasing id.
+    pixels_of_ids: Vec<(SegmentId, u32)>,
+}
+
+impl Patch {
+    fn count(&mut self, id: SegmentId, pixels: u32) {
+        match self.pixels_of_ids.binary_search_by_key(&id, |(id, _)| *id) {
+            Ok(place) => self.pixels_of_ids[place].1 = self.pixels_of_ids[place].1.saturating_add(pixels),
+            Err(place) => self.pixels_of_ids.insert(place, (id, pixels)),
+        }
+        if self.pixels_of_ids.len() > IDS_PER_PATCH {
+            let others = self.pixels_of_ids.iter().enumerate().filter(|(_, (other, _))| *other != id);
+            let rarest = others.min_by_key(|(_, (_, pixels))| *pixels).map(|(place, _)| place);
+            rarest.map(|place| self.pixels_of_ids.remove(place));
+        }
+    }
+}
+
+/// The patches of a map and the evidence about pairs of them.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct PatchGraph {
+    /// Patch of each Gaussian; [`NO_PATCH`] for those of frames without affinities.
+    of_gaussians: Vec<u32>,
+    patches: Vec<Patch>,
+    /// Patches without Gaussians and evidence.
+    unused: BTreeSet<u32>,
+    /// Evidence about pairs, by [`pair_key`].
+    pairs: ByKey<PairEvidence>,
+}
+
+/// Key of a pair of patches, the same in both orders.
+fn pair_key(one: u32, other: u32) -> u64 {
+    u64::from(one.min(other)) << 32 | u64::from(one.max(other))
+}
+
+/// The patches of a [`pair_key`].
+fn patches_of(key: u64) -> (u32, u32) {
+    ((key >> 32) as u32, key as u32)
+}
+
+impl PatchGraph {
+    /// True if there is no evidence.
+    pub fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    /// Adds new Gaussians until there are `gaussians`, without evidence about them.
+    pub fn add_unknown(&mut self, gaussians: usize) {
+        self.of_gaussians.resize(gaussians, NO_PATCH);
+    }
+
+    /// Learns a frame: makes patches of the map's new Gaussians `added`, and adds the frame's evidence. `predicted` contains
+    /// the frame's predictions, and `regions` is the segmenter's finer cut, both `[height, width]`, 0 for none.
+    pub fn learn(
+        &mut self,
+        recall: &Recall<'_>,
+        added: &[NewGaussian],
+        predicted: &SegmentMap,
+        (regions, affinities): (&SegmentMap, &Affinities),
+        settings: &MemorySettings,
+    ) {
+        let cells = FrameCells::new(affinities, regions);
+        let mut new: ByKey<u32> = ByKey::default();
+        for gaussian in added {
+            let place = (gaussian.pixel % regions.width(), gaussian.pixel / regions.width());
+            let patch = *new.entry(cells.key(place)).or_insert_with(|| self.new_patch());
+            self.patches[patch as usize].gaussians += 1;
+            self.of_gaussians.push(patch);
+        }
+        let new_patch = |place| new.get(&cells.key(place)).copied();
+        let shown = FramePatches::new(recall, &self.of_gaussians, affinities, settings, new_patch);
+        for (patch, id, pixels) in shown.ids(&affinities.sampled(predicted)) {
+            self.patches[patch as usize].count(id, pixels);
+        }
+        for (key, evidence) in pairs_of(&shown, affinities) {
+            self.pairs.entry(key).or_default().add(evidence);
+        }
+    }
+
+    fn new_patch(&mut self) -> u32 {
+        self.unused.pop_first().unwrap_or_else(|| {
+            self.patches.push(Patch::default());
+            self.patches.len() as u32 - 1
+        })
+    }
+
+    /// Keeps the Gaussians for which `keep` is true, in their order. The evidence about patches without Gaussians is removed.
+    pub fn retain(&mut self, keep: &[bool]) {
+        let mut gone = BTreeSet::new();
+        for (patch, _) in self.of_gaussians.iter().zip(keep).filter(|(patch, keep)| !**keep && **patch != NO_PATCH) {
+            let gaussians = &mut self.patches[*patch as usize].gaussians;
+            *gaussians -= 1;
+            if *gaussians == 0 {
+                gone.insert(*patch);
+            }
+        }
+        crate::map::retain(&mut self.of_gaussians, keep);
+        if gone.is_empty() {
+            return;
+        }
+        gone.iter().for_each(|patch| self.patches[*patch as usize] = Patch::default());
+        let is_gone = |patch: u32| self.patches[patch as usize].gaussians == 0;
+        self.pairs.retain(|key, _| {
+            let (one, other) = patches_of(*key);
+            !is_gone(one) && !is_gone(other)
+        });
+        self.unused.append(&mut gone);
+    }
+
+    /// Learns that Gaussians show the same surface as earlier ones, and will be removed: `doubles` are pairs of such a
+    /// Gaussian and the earlier one. The evidence about patches that lose all Gaussians goes to those that keep theirs.
+    pub fn absorb(&mut self, doubles: &[(usize, usize)]) {
+        let mut lost: BTreeMap<u32, BTreeMap<u32, u32>> = BTreeMap::new();
+        for (from, into) in doubles {
+            let [from, into] = [from, into].map(|gaussian| self.of_gaussians[*gaussian]);
+            if from != NO_PATCH {
+                *lost.entry(from).or_default().entry(into).or_default() += 1;
+            }
+        }
+        let is_gone = |(from, into): &(&u32, &BTreeMap<u32, u32>)| {
+            into.values().sum::<u32>() >= self.patches[**from as usize].gaussians
+        };
+        let most = |into: &BTreeMap<u32, u32>| {
+            into.iter().max_by_key(|(patch, count)| (**count, **patch)).map(|(patch, _)| *patch)
+        };
+        let heirs: BTreeMap<u32, u32> = lost
+            .iter()
+            .filter(is_gone)
+            .filter_map(|(from, into)| Some((*from, most(into)?)))
+            .filter(|(from, into)| *into != NO_PATCH && from != into)
+            .collect();
+        let heir = |patch: u32| heirs.get(&patch).copied().unwrap_or(patch);
+        for (from, into) in &heirs {
+            for (id, pixels) in std::mem::take(&mut self.patches[*from as usize].pixels_of_ids) {
+                self.patches[*into as usize].count(id, pixels);
+            }
+        }
+        let is_moved = |key: &u64| {
+            let (one, other) = patches_of(*key);
+            heirs.contains_key(&one) || heirs.contains_key(&other)
+        };
+        let mut moved: Vec<(u64, PairEvidence)> = self.pairs.extract_if(|key, _| is_moved(key)).collect();
+        moved.sort_unstable_by_key(|(key, _)| *key);
+        for (key, evidence) in moved {
+            let (one, other) = patches_of(key);
+            let (one, other) = (heir(one), heir(other));
+            if one != other {
+                self.pairs.entry(pair_key(one, other)).or_default().add(evidence);
+            }
+        }
+    }
+
+    /// Replaces ids, `names[old] = new`.
+    pub fn remap(&mut self, names: &BTreeMap<SegmentId, SegmentId>) {
+        for patch in &mut self.patches {
+            if patch.pixels_of_ids.iter().any(|(id, _)| names.contains_key(id)) {
+                for (id, pixels) in std::mem::take(&mut patch.pixels_of_ids) {
+                    patch.count(names.get(&id).copied().unwrap_or(id), pixels);
+                }
+            }
+        }
+    }
+
+    /// Decides from the evidence what the objects are, and returns the id of each Gaussian, `None` for those without
+    /// evidence. Every object keeps the id that most frames gave it, measured in pixels, or gets the one that `new` returns
+    /// for that if another object has more of it ([`MIN_NEW_OBJECT`]).
+    ///
+    /// # Errors
+    /// That of `new`.
+    pub fn settled<E>(
+        &self,
+        mut new: impl FnMut(SegmentId) -> Result<SegmentId, E>,
+    ) -> Result<Vec<Option<SegmentId>>, E> {
+        let mut pairs: Vec<(u64, PairEvidence)> = self.pairs.iter().map(|(key, evidence)| (*key, *evidence)).collect();
+        pairs.sort_unstable_by_key(|(key, _)| *key);
+        let Objects { of_patches, pixels_of_ids } = partition(&self.patches, &pairs);
+        let shares = pixels_of_ids.iter().enumerate();
+        let mut shares: Vec<(u64, usize, SegmentId)> =
+            shares.flat_map(|(object, ids)| ids.iter().map(move |(id, pixels)| (*pixels, object, *id))).collect();
+        shares.sort_unstable_by_key(|(pixels, object, id)| (Reverse(*pixels), *object, *id));
+        let (mut ids, mut taken) = (vec![None; pixels_of_ids.len()], BTreeSet::new());
+        for (_, object, id) in &shares {
+            if ids[*object].is_none() && taken.insert(*id) {
+                ids[*object] = Some(*id);
+            }
+        }
+        for (_, object, id) in shares {
+            let pixels: u64 = pixels_of_ids[object].iter().map(|(_, pixels)| pixels).sum();
+            if ids[object].is_none() && pixels >= MIN_NEW_OBJECT {
+                ids[object] = Some(new(id)?);
+            }
+        }
+        let id = |patch: &u32| ids[*of_patches.get(*patch as usize)? as usize];
+        Ok(self.of_gaussians.iter().map(id).collect())
+    }
+}
