@@ -11,6 +11,9 @@ use super::{IDS_PER_PATCH, MAX_PAIRS, NO_PATCH, PairEvidence, Patch, PatchGraph,
 use splatseg_files::{StateBlock, StateError};
 use splatseg_geometry::SegmentId;
 
+/// Evidence of more bytes is not saved: that of about 2,000 square metres. The rest of a map's state needs room, too.
+const MAX_BYTES: usize = 200 << 20;
+
 const OF_GAUSSIANS: &str = "of_gaussians";
 const IDS: &str = "ids";
 const PAIRS: &str = "pairs";
@@ -26,10 +29,13 @@ pub(crate) struct SavedPatches {
 }
 
 impl SavedPatches {
-    /// Returns the arrays for a file; none without patches.
+    /// Returns the arrays for a file; none without patches, or if they are too large.
     pub fn into_block(self) -> StateBlock {
         let mut block = StateBlock::default();
-        if self.of_gaussians.iter().any(|patch| *patch != NO_PATCH) {
+        let numbers = self.of_gaussians.len() + 3 * self.ids.len() + 4 * self.pairs.len();
+        if 4 * numbers > MAX_BYTES {
+            tracing::warn!("the evidence about objects has {} MB: the map is saved without it", (4 * numbers) >> 20);
+        } else if self.of_gaussians.iter().any(|patch| *patch != NO_PATCH) {
             block.put(OF_GAUSSIANS, &[], self.of_gaussians);
             block.put(IDS, &[3], self.ids.into_iter().flatten());
             block.put(PAIRS, &[3], self.pairs.into_iter().flatten());
