@@ -15,7 +15,7 @@ const MAX_LISTED_IDS: usize = 1024;
 /// pairs of a frame with [`MAX_LISTED_IDS`] fit.
 const MAX_PAIRS: usize = 1 << 20;
 
-/// What is left then, so that this is not done for every frame.
+/// Number of pairs to keep then: fewer than the maximum, so that the next frames do not exceed it again.
 const KEPT_PAIRS: usize = MAX_PAIRS / 16 * 15;
 
 /// Saved form of [`CoVisibleIds`]: the pairs, the smaller id first, and the crowded ids.

@@ -1,4 +1,4 @@
-//! What makes each kind of memory that `memory.kind` chooses: the built-in ones, and those of other crates.
+//! Definitions of the kinds of memory that `memory.kind` selects: the built-in ones, and those of other crates.
 
 use crate::evidence::EvidenceStore;
 use crate::features::{FeatureStore, SegmentCodes};
@@ -15,11 +15,11 @@ pub type CreateStore = fn(&MemorySettings, NewStore<'_>) -> Result<Box<dyn Segme
 /// Creates the store of a saved map from its content.
 pub type RestoreStore = fn(&MemorySettings, SavedStore<'_>) -> Result<Box<dyn SegmentStore>, LoadMemoryError>;
 
-/// What makes a kind of memory: its name, its rules and its stores.
+/// Definition of a kind of memory: its name, its rules and its stores.
 pub struct MemoryKindDefinition {
-    /// The name that chooses it: lower-case letters, digits, `-` and `_`.
+    /// The value of `memory.kind` that selects it: lower-case letters, digits, `-` and `_`.
     pub name: &'static str,
-    /// What it asks of the map and of the methods: the same as [`SegmentStore::rules`] of its stores.
+    /// Its rules for the map and the methods: the same as [`SegmentStore::rules`] of its stores.
     pub rules: fn(&MemorySettings) -> MemoryRules,
     /// Creates the store of a map without Gaussians.
     pub create: CreateStore,
@@ -28,7 +28,7 @@ pub struct MemoryKindDefinition {
     pub restore: RestoreStore,
 }
 
-/// What a new store may use besides its settings.
+/// Inputs of a new store besides its settings.
 pub struct NewStore<'a> {
     /// Seed of all random numbers.
     pub seed: u64,
@@ -36,7 +36,7 @@ pub struct NewStore<'a> {
     pub progress: &'a mut dyn FnMut(f32),
 }
 
-/// What a saved map contains for its store.
+/// The part of a saved map that belongs to its store.
 pub struct SavedStore<'a> {
     /// The file, for errors.
     pub path: &'a Path,

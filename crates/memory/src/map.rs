@@ -18,10 +18,10 @@ pub struct SplatMap {
     pub last_seen: Vec<u32>,
     /// Number of frames that have seen through each Gaussian since a frame last saw it.
     pub seen_through: Vec<u8>,
-    /// The keyframe that each Gaussian is attached to. Empty in a [`SplatFile`](crate::SplatFile), where it is part of the
-    /// `short_term` text.
+    /// The keyframe that each Gaussian is attached to. Empty in a [`SplatFile`](crate::SplatFile), where it is part of
+    /// the saved state.
     pub anchors: Vec<KeyframeId>,
-    /// What is known about the place of each Gaussian. Empty in a [`SplatFile`](crate::SplatFile), as `anchors`.
+    /// Whether the surface of each Gaussian was observed or completed. Empty in a [`SplatFile`](crate::SplatFile), as `anchors`.
     pub surfaces: Vec<SurfaceKind>,
 }
 
@@ -36,7 +36,7 @@ pub struct NewGaussian {
     pub radius: f32,
     /// sRGB.
     pub color: [u8; 3],
-    /// What is known about its place.
+    /// Whether its surface was observed or completed.
     pub surface: SurfaceKind,
 }
 

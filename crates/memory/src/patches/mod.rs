@@ -164,6 +164,13 @@ impl PatchGraph {
         }
     }
 
+    /// The evidence about pairs, by increasing key.
+    fn sorted_pairs(&self) -> Vec<(u64, PairEvidence)> {
+        let mut pairs: Vec<(u64, PairEvidence)> = self.pairs.iter().map(|(key, evidence)| (*key, *evidence)).collect();
+        pairs.sort_unstable_by_key(|(key, _)| *key);
+        pairs
+    }
+
     fn new_patch(&mut self) -> u32 {
         self.unused.pop_first().unwrap_or_else(|| {
             self.patches.push(Patch::default());
@@ -258,9 +265,7 @@ impl PatchGraph {
         &self,
         mut new: impl FnMut(SegmentId) -> Result<SegmentId, E>,
     ) -> Result<Vec<Option<SegmentId>>, E> {
-        let mut pairs: Vec<(u64, PairEvidence)> = self.pairs.iter().map(|(key, evidence)| (*key, *evidence)).collect();
-        pairs.sort_unstable_by_key(|(key, _)| *key);
-        let Objects { of_patches, pixels_of_ids } = partition(&self.patches, &pairs);
+        let Objects { of_patches, pixels_of_ids } = partition(&self.patches, &self.sorted_pairs());
         let shares = pixels_of_ids.iter().enumerate();
         let mut shares: Vec<(u64, usize, SegmentId)> =
             shares.flat_map(|(object, ids)| ids.iter().map(move |(id, pixels)| (*pixels, object, *id))).collect();

@@ -62,8 +62,7 @@ impl SavedPatches {
 impl PatchGraph {
     /// Returns the state to be saved.
     pub fn saved(&self) -> SavedPatches {
-        let mut pairs: Vec<(u64, PairEvidence)> = self.pairs.iter().map(|(key, evidence)| (*key, *evidence)).collect();
-        pairs.sort_unstable_by_key(|(key, _)| *key);
+        let pairs = self.sorted_pairs();
         let ids = |(number, patch): (usize, &Patch)| {
             let number = number as u32;
             patch.pixels_of_ids.iter().map(move |(id, pixels)| [number, *id, *pixels]).collect::<Vec<_>>()
