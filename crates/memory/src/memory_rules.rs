@@ -30,8 +30,8 @@ pub struct MemoryRules {
     /// True if the ids that Gaussians hold are counted after every frame; otherwise after every sixteenth, as that takes
     /// long.
     pub counts_ids_per_frame: bool,
-    /// True if methods ignore and contradict predictions by `min_match_f_score`, `min_visible_fraction` and
-    /// `min_new_fraction`, which the paper does not.
+    /// True if methods ignore and contradict predictions by `min_match_f_score`, `min_visible_fraction`,
+    /// `min_new_fraction` and `memory.compare_colors`, which the paper does not.
     pub judges_predictions: bool,
     /// Largest id that can be remembered.
     pub largest_id: SegmentId,

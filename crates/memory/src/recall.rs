@@ -1,6 +1,8 @@
 //! The memory as seen by one frame's camera.
 
 use crate::removal::{FrameTrust, Visibility, VisibleBalls, visibilities};
+use crate::replaced::SeenGaussian;
+use crate::settings::COVERED;
 use crate::{MemoryRules, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, Image, LocalPose, Pose, RgbdFrame, SegmentId, SegmentMap};
@@ -28,6 +30,10 @@ pub struct Recall<'f> {
     pub(crate) links_previous: bool,
     /// How the frame sees every Gaussian; empty where no rule needs it.
     pub(crate) visibility: Vec<Visibility>,
+    /// Gaussians that the frame sees, and those that become another thing's in this frame; see
+    /// [`SplatMemory::find_replacements`](crate::SplatMemory::find_replacements).
+    pub(crate) seen: Vec<SeenGaussian>,
+    pub(crate) replaced: Vec<SeenGaussian>,
     pub(crate) belief: SegmentBelief,
     /// Rendered silhouette (accumulated alpha) in [0, 1], `[height, width]`.
     pub(crate) silhouette: Image<f32>,
@@ -112,6 +118,8 @@ impl<'f> Recall<'f> {
             contradicts_map,
             links_previous: false,
             visibility,
+            seen: Vec::new(),
+            replaced: Vec::new(),
             belief: SegmentBelief::empty(width, height),
             silhouette: Image::filled(width, height, 0.0),
             depth: Image::filled(width, height, 0.0),
@@ -164,6 +172,16 @@ impl<'f> Recall<'f> {
     /// The segments that the memory expects, with confidences.
     pub fn expected(&self) -> &SegmentBelief {
         &self.belief
+    }
+
+    /// True where the map knows what the frame shows, `[height, width]`: it expects a segment, or it shows a surface behind
+    /// that of the frame, which is new then.
+    pub fn known_pixels(&self) -> Image<bool> {
+        Image::from_fn(self.frame.width(), self.frame.height(), |column, row| {
+            let at = (column, row);
+            let is_new = self.frame.depth()[at] > 0.0 && self.silhouette[at] > COVERED && self.covered[at] < COVERED;
+            is_new || self.belief.segments[at] != 0
+        })
     }
 
     /// The frame's pose in the coordinates of the map.

@@ -32,6 +32,8 @@ pub(crate) enum Visibility {
     Unknown,
     /// The observed surface is where the Gaussian lies.
     Seen,
+    /// The observed surface is where the Gaussian lies, but its colour is another thing's.
+    Replaced,
     /// The observed surface lies clearly behind the Gaussian: its place is free space.
     SeenThrough,
 }
@@ -109,6 +111,10 @@ pub(crate) fn record_visibility(
                 map.last_seen[index] = frame;
                 map.seen_through[index] = 0;
                 map.surfaces[index] = SurfaceKind::Observed;
+            }
+            Visibility::Replaced => {
+                map.last_seen[index] = frame;
+                map.seen_through[index] = map.seen_through[index].saturating_add(1);
             }
             Visibility::SeenThrough if removal_frames > 0 => {
                 map.seen_through[index] = map.seen_through[index].saturating_add(1);

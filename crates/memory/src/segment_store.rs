@@ -54,6 +54,9 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
         contradicted: &BTreeSet<SegmentId>,
     );
 
+    /// Makes Gaussians those of another segment: their indices and its id. The default does nothing.
+    fn replace(&mut self, _replaced: &[(usize, SegmentId)]) {}
+
     /// Learns the frame's predictions. `map` already contains the new Gaussians.
     fn learn(
         &mut self,

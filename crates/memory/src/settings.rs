@@ -47,6 +47,8 @@ settings! {
         no_segment_weight: f32 = 0.1, Allowed::between(0.0, 1000.0), only "memory.kind = evidence";
         /// Weight of a vote for a prediction that the memory contradicts.
         contradicted_weight: f32 = 0.25, Allowed::between(0.0, 1000.0), only "memory.kind = evidence";
+        /// A prediction whose colours differ from those of the expected segment is another thing, and replaces it.
+        compare_colors: bool = true, Allowed::Switch, only "memory.kind = evidence";
         /// Maximum sum of a Gaussian's votes. Larger sums are scaled down, so that new votes can outweigh old ones.
         max_votes: f32 = 4.0, Allowed::above_up_to(0.0, 1e6), only "memory.kind = evidence";
         /// Channels of a segment-id feature (D); 1 stores the id itself.

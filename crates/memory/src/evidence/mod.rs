@@ -35,6 +35,10 @@ const PIXELS: usize = TileWeights::PIXELS;
 /// unreliable: the correction for that light divides by at least this.
 const MIN_LIGHT: f32 = 0.05;
 
+/// A second opinion with less evidence is what is left of a thing that was there: a contradicted mask has more in its first
+/// frame.
+const MIN_OPINION: f32 = 0.1;
+
 /// Gaussians counted per task when a memory is loaded.
 const GAUSSIANS_PER_COUNT: usize = 1 << 16;
 
@@ -184,7 +188,7 @@ impl SegmentStore for EvidenceStore {
                 best.update(*id, &others);
             }
             for ((second, id), evidence) in second.iter_mut().zip(best.ids).zip(best.evidence) {
-                *second = if evidence > 0.0 { id } else { 0 };
+                *second = if evidence >= MIN_OPINION { id } else { 0 };
             }
         })
     }
@@ -202,6 +206,16 @@ impl SegmentStore for EvidenceStore {
             let votes = Votes::one(id, self.settings.vote_weight(id, contradicted));
             changes.add(&votes);
             self.votes.push(votes);
+        }
+        self.census.apply(changes);
+    }
+
+    fn replace(&mut self, replaced: &[(usize, SegmentId)]) {
+        let mut changes = CensusChanges::default();
+        for (gaussian, id) in replaced {
+            let votes = Votes::one(*id, 1.0);
+            changes.replace(&self.votes[*gaussian], &votes);
+            self.votes[*gaussian] = votes;
         }
         self.census.apply(changes);
     }

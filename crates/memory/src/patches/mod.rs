@@ -136,7 +136,8 @@ impl PatchGraph {
         self.of_gaussians.resize(gaussians, NO_PATCH);
     }
 
-    /// Learns a frame: makes patches of the map's new Gaussians `added`, and adds the frame's evidence. `predicted` contains
+    /// Learns a frame: makes patches of the map's new Gaussians `added` and of those that show another thing now, and adds the
+    /// frame's evidence. `predicted` contains
     /// the frame's predictions, and `regions` is the segmenter's finer cut, both `[height, width]`, 0 for none.
     pub fn learn(
         &mut self,
@@ -153,6 +154,12 @@ impl PatchGraph {
             let patch = *new.entry(cells.key(place)).or_insert_with(|| self.new_patch());
             self.patches[patch as usize].gaussians += 1;
             self.of_gaussians.push(patch);
+        }
+        for seen in &recall.replaced {
+            let place = (seen.pixel % regions.width(), seen.pixel / regions.width());
+            let patch = *new.entry(cells.key(place)).or_insert_with(|| self.new_patch());
+            self.patches[patch as usize].gaussians += 1;
+            self.of_gaussians[seen.gaussian] = patch;
         }
         let new_patch = |place| new.get(&cells.key(place)).copied();
         let shown = FramePatches::new(recall, &self.of_gaussians, affinities, settings, new_patch);
@@ -180,15 +187,24 @@ impl PatchGraph {
 
     /// Keeps the Gaussians for which `keep` is true, in their order. The evidence about patches without Gaussians is removed.
     pub fn retain(&mut self, keep: &[bool]) {
+        self.forget((0..self.of_gaussians.len()).filter(|gaussian| !keep[*gaussian]));
+        crate::map::retain(&mut self.of_gaussians, keep);
+    }
+
+    /// Takes Gaussians from their patches, because they show another thing now, or nothing. The evidence about patches
+    /// without Gaussians is removed.
+    pub fn forget(&mut self, gaussians: impl Iterator<Item = usize>) {
         let mut gone = BTreeSet::new();
-        for (patch, _) in self.of_gaussians.iter().zip(keep).filter(|(patch, keep)| !**keep && **patch != NO_PATCH) {
-            let gaussians = &mut self.patches[*patch as usize].gaussians;
-            *gaussians -= 1;
-            if *gaussians == 0 {
-                gone.insert(*patch);
+        for gaussian in gaussians {
+            let patch = std::mem::replace(&mut self.of_gaussians[gaussian], NO_PATCH);
+            if patch != NO_PATCH {
+                let gaussians = &mut self.patches[patch as usize].gaussians;
+                *gaussians -= 1;
+                if *gaussians == 0 {
+                    gone.insert(patch);
+                }
             }
         }
-        crate::map::retain(&mut self.of_gaussians, keep);
         if gone.is_empty() {
             return;
         }

@@ -58,6 +58,17 @@ fn evidence_goes_with_the_last_gaussian_and_its_number_is_used_again() {
 }
 
 #[test]
+fn gaussians_that_show_another_thing_leave_their_patch() {
+    let mut graph = graph(3);
+    graph.forget([2, 3, 4].into_iter());
+    assert_eq!(graph.of_gaussians, [0, 0, NO_PATCH, NO_PATCH, NO_PATCH, 2, NO_PATCH]);
+    assert_eq!(graph.pairs.len(), 0, "the middle patch has no Gaussians");
+    graph.forget([5, 6].into_iter());
+    assert_eq!(settled(&graph), [Some(1), Some(1), None, None, None, None, None]);
+    assert_eq!(graph.new_patch(), 1);
+}
+
+#[test]
 fn the_evidence_of_doubles_goes_to_the_earlier_patch() {
     let mut graph = graph(4);
     // The third patch is the first one, seen again; the fourth one only in part.

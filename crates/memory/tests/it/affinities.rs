@@ -69,7 +69,7 @@ fn see(memory: &mut SplatMemory, pose: Pose, ids: (SegmentId, SegmentId), log_od
 
 /// The ids that most pixels of the left and the right quarter of the wall show.
 fn shown(memory: &SplatMemory) -> (SegmentId, SegmentId) {
-    let segments = memory.look_again(&frame(Pose::IDENTITY)).segments;
+    let segments = memory.look_again(&frame(Pose::IDENTITY), &SegmentMap::filled(SIZE.0, SIZE.1, 0)).segments;
     let most = |columns: std::ops::Range<usize>| {
         let mut areas: BTreeMap<SegmentId, usize> = BTreeMap::new();
         for (column, row) in columns.flat_map(|column| (0..SIZE.1).map(move |row| (column, row))) {

@@ -7,7 +7,7 @@ pub(crate) use painting::{painted, painted_parts, visible_parts};
 pub(crate) use regions::decided_by_regions;
 
 use rayon::prelude::*;
-use splatseg_geometry::{Candidate, Mask, Ratio, SegmentId, SegmentMap, best_assignment};
+use splatseg_geometry::{Candidate, Image, Mask, Ratio, SegmentId, SegmentMap, best_assignment};
 use std::collections::BTreeMap;
 
 /// Matches each prediction with an expected segment, if possible. Returns one entry per prediction.
@@ -15,17 +15,34 @@ use std::collections::BTreeMap;
 /// The matching is one-to-one and maximises the summed F-score, `2 |A ∩ B| / (|A| + |B|)`. Pairs are not matched if
 /// they do not overlap, or if their F-score over the pixels with an expected segment is below `min_known_f_score`.
 pub fn match_segments(expected: &SegmentMap, predictions: &[&Mask], min_known_f_score: f64) -> Vec<Option<SegmentId>> {
+    match_possible(expected, predictions, min_known_f_score, None, |_, _| true)
+}
+
+/// As [`match_segments`], of the pairs of a segment and the index of a prediction for which `is_possible` returns true. Also
+/// counts the pixels that are `known` to show something else, `[height, width]`.
+pub(crate) fn match_possible(
+    expected: &SegmentMap,
+    predictions: &[&Mask],
+    min_known_f_score: f64,
+    known: Option<&Image<bool>>,
+    is_possible: impl Fn(SegmentId, usize) -> bool + Sync,
+) -> Vec<Option<SegmentId>> {
     let areas = expected.areas();
+    let known_area = |mask: &Mask, overlaps: &BTreeMap<SegmentId, usize>| {
+        let is_other = |known: &Image<bool>, pixel: usize| known.pixels()[pixel] && expected.pixels()[pixel] == 0;
+        let others = known.map_or(0, |known| mask.pixel_indices().filter(|pixel| is_other(known, *pixel)).count());
+        others + overlaps.values().sum::<usize>()
+    };
     let candidates: Vec<Candidate> = predictions
         .par_iter()
         .enumerate()
         .flat_map_iter(|(prediction, mask)| {
             let overlaps = overlaps(expected, mask);
-            let (area, known) = (mask.area(), overlaps.values().sum());
-            let areas = &areas;
+            let (area, known) = (mask.area(), known_area(mask, &overlaps));
+            let (areas, is_possible) = (&areas, &is_possible);
             overlaps.into_iter().filter_map(move |(segment, shared)| {
                 let f_score = |area: usize| Ratio::f_score(shared as u64, areas[&segment] as u64, area as u64);
-                let is_possible = f_score(known).to_f64() >= min_known_f_score;
+                let is_possible = f_score(known).to_f64() >= min_known_f_score && is_possible(segment, prediction);
                 is_possible.then(|| Candidate::new(u64::from(segment), prediction as u64, f_score(area), None))
             })
         })

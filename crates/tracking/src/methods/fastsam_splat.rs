@@ -2,7 +2,7 @@
 
 use super::output::confidence;
 use super::{FrameOutput, Hindsight, Method, ShownFrame, check_sizes};
-use crate::matching::{decided_by_regions, match_segments, painted_parts, visible_parts};
+use crate::matching::{decided_by_regions, match_possible, match_segments, painted_parts, visible_parts};
 use crate::{TrackErrorCounts, TrackingError};
 use splatseg_geometry::{
     FrameAnchor, MapCorrection, Mask, RemappedId, RgbdFrame, STAGE_TARGET, ScoredMask, SegmentId, SegmentMap,
@@ -67,6 +67,8 @@ struct Identified {
     ids: Vec<SegmentId>,
     /// Ids that the memory did not expect.
     unexpected: BTreeSet<SegmentId>,
+    /// Ids of things that are at the place of others, by their colours.
+    replacing: BTreeSet<SegmentId>,
 }
 
 impl FastSamSplat {
@@ -117,27 +119,45 @@ impl FastSamSplat {
     }
 
     /// Gives each prediction the id of the expected segment that it matches. The others are matched with the memory's
-    /// second opinion, which contains ids that earlier frames also predicted there, and get new ids if that fails.
-    fn identify(&mut self, recall: &Recall<'_>, found: &Predictions<'_>) -> Result<Identified, TrackingError> {
+    /// second opinion, which contains ids that earlier frames also predicted there, and get new ids if that fails. A
+    /// prediction whose colours are not those of a segment cannot be that segment, but may be another that has been moved.
+    fn identify(&mut self, recall: &mut Recall<'_>, found: &Predictions<'_>) -> Result<Identified, TrackingError> {
         let parts: Vec<&Mask> = found.parts.iter().collect();
         let masks = if self.settings.match_whole_masks { &found.wholes } else { &parts };
-        let mut matched = match_segments(&recall.expected().segments, masks, self.settings.min_match_f_score);
+        let labels = painted_parts(recall.expected().segments.size(), (1..).zip(&found.parts));
+        let replacements = self.memory.find_replacements(recall, &labels);
+        let label = |index: usize| index as u32 + 1;
+        let known = recall.known_pixels();
+        let min_f_score = self.settings.min_match_f_score;
+        let expected = &recall.expected().segments;
+        let mut matched = match_possible(expected, masks, min_f_score, Some(&known), |segment, index| {
+            !replacements.excludes(label(index), segment)
+        });
         let unmatched: Vec<usize> = (0..masks.len()).filter(|index| matched[*index].is_none()).collect();
         if !unmatched.is_empty() {
             let mut second = self.memory.second_opinion(recall);
-            let taken: BTreeSet<SegmentId> = matched.iter().flatten().copied().collect();
+            let mut taken: BTreeSet<SegmentId> = matched.iter().flatten().copied().collect();
             for id in second.pixels_mut().iter_mut().filter(|id| taken.contains(id)) {
                 *id = 0;
             }
             let rest: Vec<&Mask> = unmatched.iter().map(|index| masks[*index]).collect();
-            let again = match_segments(&second, &rest, self.settings.min_match_f_score);
-            unmatched.iter().zip(again).for_each(|(index, id)| matched[*index] = id);
+            let again = match_possible(&second, &rest, min_f_score, Some(&known), |segment, index| {
+                !replacements.excludes(label(unmatched[index]), segment)
+            });
+            taken.extend(again.iter().flatten());
+            for (index, id) in unmatched.iter().zip(again) {
+                matched[*index] = id.or_else(|| replacements.moved_here(label(*index), &taken));
+                taken.extend(matched[*index]);
+            }
             self.keep_unplaced_ids(masks, &mut matched);
         }
         let ids = matched.into_iter().map(|id| id.map_or_else(|| self.memory.new_segment(), Ok));
         let ids: Vec<SegmentId> = ids.collect::<Result<_, _>>()?;
-        let unexpected = unmatched.into_iter().map(|index| ids[index]).collect();
-        Ok(Identified { ids, unexpected })
+        let (replacing, unexpected): (Vec<usize>, Vec<usize>) =
+            unmatched.into_iter().partition(|index| replacements.has_replaced(label(*index)));
+        let ids_of = |indices: Vec<usize>| indices.into_iter().map(|index| ids[index]).collect();
+        let (replacing, unexpected) = (ids_of(replacing), ids_of(unexpected));
+        Ok(Identified { ids, unexpected, replacing })
     }
 
     /// Gives masks without an id that of the previous frame, if its pose was unknown.
@@ -210,8 +230,8 @@ fn mean_confidences(belief: &SegmentBelief, segments: &SegmentMap) -> BTreeMap<S
 }
 
 impl Hindsight for FastSamSplat {
-    /// The pixels show what the map shows there, and what they showed at the time where it shows nothing: surfaces that are
-    /// gone by now. Each region of the segmenter's finer cut then shows one id.
+    /// The pixels show what the map shows there, and what they showed at the time where it shows nothing, or where colours say
+    /// that another thing was there: those are gone by now. Each region of the segmenter's finer cut then shows one id.
     fn look_again(&self, frame: &RgbdFrame, shown: &ShownFrame) -> Result<FrameOutput, TrackingError> {
         let size = (frame.width(), frame.height());
         let images = std::iter::once(&shown.segments).chain(&shown.regions);
@@ -221,9 +241,10 @@ impl Hindsight for FastSamSplat {
         let regions = shown.regions.as_ref().filter(|_| self.settings.regions_decide);
         let belief = match regions {
             Some(_) if size.0 * size.1 > ENOUGH_PIXELS => {
-                self.memory.look_again(&frame.halved().at(*frame.world_from_camera())).doubled(size)
+                let half = frame.halved().at(*frame.world_from_camera());
+                self.memory.look_again(&half, &shown.segments.halved()).doubled(size)
             }
-            _ => self.memory.look_again(frame),
+            _ => self.memory.look_again(frame, &shown.segments),
         };
         let mut segments = belief.segments.without_small(self.settings.min_area);
         let pixels = segments.pixels_mut().iter_mut().zip(shown.segments.pixels());
@@ -244,11 +265,11 @@ impl Method for FastSamSplat {
 
     fn process(&mut self, frame: &RgbdFrame, segmentation: &Segmentation) -> Result<FrameOutput, TrackingError> {
         check_sizes(frame, segmentation)?;
-        let recall = self.memory.recall(frame);
+        let mut recall = self.memory.recall(frame);
 
         let stage = tracing::debug_span!(target: STAGE_TARGET, "match").entered();
         let found = self.visible(frame, &segmentation.masks);
-        let Identified { ids, unexpected } = self.identify(&recall, &found)?;
+        let Identified { ids, unexpected, replacing } = self.identify(&mut recall, &found)?;
         drop(stage);
 
         let stage = tracing::debug_span!(target: STAGE_TARGET, "fuse").entered();
@@ -257,6 +278,10 @@ impl Method for FastSamSplat {
         let fused = self.memory.fuse(&recall, &predicted)?;
         let mut contradicted = self.contradicted(&unexpected, &predicted, &fused);
         let mut segments = without_contradicted(fused, expected, &contradicted);
+        if !replacing.is_empty() {
+            let pixels = segments.pixels_mut().iter_mut().zip(predicted.pixels());
+            pixels.filter(|(_, predicted)| replacing.contains(predicted)).for_each(|(id, predicted)| *id = *predicted);
+        }
         if let Some(regions) = segmentation.regions.as_ref().filter(|_| self.settings.regions_decide) {
             segments = decided_by_regions(&segments, regions);
         }

@@ -8,6 +8,7 @@ mod fastspam;
 mod late_things;
 mod many_things;
 mod moving_things;
+mod replaced_things;
 mod reprompting;
 mod sam2_tracker;
 mod taken_away;
