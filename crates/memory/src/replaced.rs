@@ -7,7 +7,6 @@
 use crate::map::{RADIUS_PER_SPACING, SplatMap};
 use crate::recall::Recall;
 use crate::removal::Visibility;
-use rayon::prelude::*;
 use splatseg_geometry::{SegmentId, SegmentMap};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -30,6 +29,12 @@ const COLOR_RATE: f32 = 0.25;
 
 /// Pixels that a Gaussian stands for at most: growth never makes larger blocks.
 const MAX_BLOCK: f32 = 64.0;
+
+/// Of Gaussians that cover fewer pixels than this, one of [`SMALL_PER_SAMPLE`] is compared, to save time, if there are more
+/// than [`ENOUGH`] in all.
+const SMALL: f32 = 4.0;
+const SMALL_PER_SAMPLE: usize = 4;
+const ENOUGH: usize = 10_000;
 
 /// Labels that are not the segments expected at their place, because colours differ.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -146,20 +151,22 @@ pub(crate) fn find_replacements(
         return FoundReplacements::default();
     }
     let seen: Vec<SeenGaussian> = (0..map.len())
-        .into_par_iter()
         .filter(|gaussian| recall.visibility[*gaussian] == Visibility::Seen && is_certain(*gaussian))
         .filter_map(|gaussian| Some(SeenGaussian { gaussian, pixel: pixel_of(map, recall, gaussian)? }))
         .collect();
-    let gains = gains(map, recall, &seen);
-    let samples: Vec<Sample> = seen.par_iter().map(|seen| Sample::of(map, recall, *seen, gains)).collect();
+    let small_per_sample = if seen.len() > ENOUGH { SMALL_PER_SAMPLE } else { 1 };
+    let rules = (gains(map, recall, &seen), small_per_sample);
+    let samples: Vec<Sample> = seen.iter().filter_map(|seen| Sample::of(map, recall, *seen, rules)).collect();
     let key = |seen: SeenGaussian| {
         let (label, segment) = (labels.pixels()[seen.pixel], recall.belief.segments.pixels()[seen.pixel]);
         (label != 0 && segment != 0).then_some((label, segment))
     };
     let mut pairs: BTreeMap<(u32, SegmentId), PairColors> = BTreeMap::new();
-    for sample in &samples {
-        if let Some(key) = key(sample.seen) {
-            pairs.entry(key).or_default().add(sample);
+    // Gaussians that were added together mostly lie in one pair.
+    for run in samples.chunk_by(|one, next| key(one.seen) == key(next.seen)) {
+        if let Some(key) = key(run[0].seen) {
+            let colors = pairs.entry(key).or_default();
+            run.iter().for_each(|sample| colors.add(sample));
         }
     }
     let usual = median(samples.iter().map(|sample| distance(sample.remembered, sample.fitting)).collect());
@@ -231,8 +238,23 @@ fn gains(map: &SplatMap, recall: &Recall<'_>, seen: &[SeenGaussian]) -> [f32; 3]
 }
 
 impl Sample {
-    fn of(map: &SplatMap, recall: &Recall<'_>, seen: SeenGaussian, gains: [f32; 3]) -> Self {
+    /// `None` for a small Gaussian that another one of `small_per_sample` stands for.
+    fn of(
+        map: &SplatMap,
+        recall: &Recall<'_>,
+        seen: SeenGaussian,
+        (gains, small_per_sample): ([f32; 3], usize),
+    ) -> Option<Self> {
         let frame = recall.frame;
+        let center = recall.view.camera().to_camera(map.balls.means[seen.gaussian]);
+        let side = map.balls.radii[seen.gaussian] / RADIUS_PER_SPACING * frame.intrinsics().fx / center.z;
+        let mut pixels = (side * side).clamp(1.0, MAX_BLOCK);
+        if pixels < SMALL {
+            if !seen.gaussian.is_multiple_of(small_per_sample) {
+                return None;
+            }
+            pixels *= small_per_sample as f32;
+        }
         let color_at = |pixel: usize| {
             let color = frame.color().pixels()[pixel];
             [0, 1, 2].map(|channel| f32::from(color[channel]) * gains[channel])
@@ -242,8 +264,6 @@ impl Sample {
         let around = rows.into_iter().flat_map(|center| center - 1..=center + 1).map(color_at);
         let differences = around.map(|color| (squared_distance(color, remembered), color));
         let fitting = differences.min_by(|one, other| one.0.total_cmp(&other.0)).map_or(observed, |(_, color)| color);
-        let center = recall.view.camera().to_camera(map.balls.means[seen.gaussian]);
-        let side = map.balls.radii[seen.gaussian] / RADIUS_PER_SPACING * frame.intrinsics().fx / center.z;
-        Self { seen, pixels: (side * side).clamp(1.0, MAX_BLOCK), remembered, fitting, observed }
+        Some(Self { seen, pixels, remembered, fitting, observed })
     }
 }
