@@ -1,4 +1,4 @@
-//! What a kind of memory asks of the map and of the methods.
+//! The rules of a kind of memory, for the map and for the methods.
 
 use crate::map::RADIUS_PER_SPACING;
 use crate::settings::COVERED;

@@ -4,6 +4,7 @@
 //! the colours of all Gaussians there are compared with the frame. If they differ, the label is not that segment
 //! ([`Replacements`]). Gaussians for which several frames in a row say so become those of the thing that is there now.
 
+use crate::SplatMemory;
 use crate::map::{RADIUS_PER_SPACING, SplatMap};
 use crate::recall::Recall;
 use crate::removal::Visibility;
@@ -56,10 +57,12 @@ struct PairColors {
 }
 
 /// A Gaussian and the pixel that sees it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct SeenGaussian {
     pub gaussian: usize,
     pub pixel: usize,
+    /// Depth of the Gaussian, metres.
+    pub depth: f32,
 }
 
 /// Replaced segments, and the Gaussians that show them.
@@ -128,6 +131,53 @@ impl Replacements {
     }
 }
 
+impl SplatMemory {
+    /// Finds predictions that are not the segments expected at their place, because colours differ. `labels` contains a
+    /// number for the prediction visible at each pixel, `[height, width]`, 0 for none. Nothing is found without
+    /// `memory.compare_colors`, or where frames remove nothing.
+    pub fn find_replacements(&self, recall: &mut Recall<'_>, labels: &SegmentMap) -> Replacements {
+        let uncertain = &self.anchor.uncertain;
+        let is_certain = |gaussian: usize| uncertain.is_empty() || !uncertain.contains(&self.map.anchors[gaussian]);
+        let found = self.compared_colors(recall, labels, is_certain);
+        for seen in &found.replaced {
+            recall.visibility[seen.gaussian] = Visibility::Replaced;
+        }
+        let is_due = |seen: &SeenGaussian| {
+            self.map.seen_through[seen.gaussian].saturating_add(1) >= self.settings.removal_frames
+        };
+        recall.replaced = found.replaced.into_iter().filter(is_due).collect();
+        recall.seen = found.seen;
+        found.replacements
+    }
+
+    /// Compares colours where the rules and settings say so. Gaussians for which `is_certain` returns false are left out.
+    pub(crate) fn compared_colors(
+        &self,
+        recall: &Recall<'_>,
+        labels: &SegmentMap,
+        is_certain: impl Fn(usize) -> bool,
+    ) -> FoundReplacements {
+        let removes = !self.rules.is_papers_map() && self.settings.removal_frames > 0;
+        if !removes || !self.rules.judges_predictions || !self.settings.compare_colors {
+            return FoundReplacements::default();
+        }
+        find_replacements(&self.map, recall, labels, is_certain)
+    }
+
+    /// Gives Gaussians of things that were replaced to the predictions that are there now.
+    pub(crate) fn replace(&mut self, recall: &mut Recall<'_>, predicted: &SegmentMap) {
+        let id = |seen: &SeenGaussian| (seen.gaussian, predicted.pixels()[seen.pixel]);
+        let replaced: Vec<(usize, SegmentId)> = recall.replaced.iter().map(id).collect();
+        self.store.replace(&replaced);
+        self.patches.forget(replaced.iter().map(|(gaussian, _)| *gaussian));
+        remember_colors(&mut self.map, recall, predicted);
+        for seen in &recall.replaced {
+            self.map.colors[seen.gaussian] = recall.frame.color().pixels()[seen.pixel];
+            recall.visibility[seen.gaussian] = Visibility::Seen;
+        }
+    }
+}
+
 /// A Gaussian that a frame sees, with colours: sRGB, 0 to 255, at the map's exposure.
 struct Sample {
     seen: SeenGaussian,
@@ -141,18 +191,18 @@ struct Sample {
 
 /// Compares the colours of the map with those of the frame. `labels` has the label of each pixel, `[height, width]`, 0 for
 /// none. Gaussians for which `is_certain` returns false are left out.
-pub(crate) fn find_replacements(
+fn find_replacements(
     map: &SplatMap,
     recall: &Recall<'_>,
     labels: &SegmentMap,
-    is_certain: impl Fn(usize) -> bool + Sync,
+    is_certain: impl Fn(usize) -> bool,
 ) -> FoundReplacements {
     if recall.visibility.is_empty() || recall.contradicts_map {
         return FoundReplacements::default();
     }
     let seen: Vec<SeenGaussian> = (0..map.len())
         .filter(|gaussian| recall.visibility[*gaussian] == Visibility::Seen && is_certain(*gaussian))
-        .filter_map(|gaussian| Some(SeenGaussian { gaussian, pixel: pixel_of(map, recall, gaussian)? }))
+        .filter_map(|gaussian| seen_gaussian(map, recall, gaussian))
         .collect();
     let small_per_sample = if seen.len() > ENOUGH { SMALL_PER_SAMPLE } else { 1 };
     let rules = (gains(map, recall, &seen), small_per_sample);
@@ -178,9 +228,9 @@ pub(crate) fn find_replacements(
 
 /// Takes the frame's part in the colours of Gaussians where it shows what was expected. `predicted` contains the id of each
 /// pixel, `[height, width]`, 0 for none.
-pub(crate) fn remember_colors(map: &mut SplatMap, recall: &Recall<'_>, predicted: &SegmentMap) {
+fn remember_colors(map: &mut SplatMap, recall: &Recall<'_>, predicted: &SegmentMap) {
     let is_expected = |pixel: usize| predicted.pixels()[pixel] == recall.belief.segments.pixels()[pixel];
-    for SeenGaussian { gaussian, pixel } in recall.seen.iter().copied().filter(|seen| is_expected(seen.pixel)) {
+    for SeenGaussian { gaussian, pixel, .. } in recall.seen.iter().copied().filter(|seen| is_expected(seen.pixel)) {
         let observed = recall.frame.color().pixels()[pixel];
         for (color, observed) in map.colors[gaussian].iter_mut().zip(observed) {
             let old = f32::from(*color);
@@ -208,11 +258,12 @@ fn median(mut values: Vec<f32>) -> f32 {
     if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f32::total_cmp).1 }
 }
 
-/// The pixel at which a Gaussian lies.
-fn pixel_of(map: &SplatMap, recall: &Recall<'_>, gaussian: usize) -> Option<usize> {
+/// A Gaussian with the pixel at which it lies.
+fn seen_gaussian(map: &SplatMap, recall: &Recall<'_>, gaussian: usize) -> Option<SeenGaussian> {
     let center = recall.view.camera().to_camera(map.balls.means[gaussian]);
-    let pixel = recall.frame.intrinsics().project(center)?;
-    Some(pixel.y.round() as usize * recall.frame.width() + pixel.x.round() as usize)
+    let place = recall.frame.intrinsics().project(center)?;
+    let pixel = place.y.round() as usize * recall.frame.width() + place.x.round() as usize;
+    Some(SeenGaussian { gaussian, pixel, depth: center.z })
 }
 
 /// Factors from the frame's exposure and white balance to those of the map, one per channel.
@@ -246,8 +297,7 @@ impl Sample {
         (gains, small_per_sample): ([f32; 3], usize),
     ) -> Option<Self> {
         let frame = recall.frame;
-        let center = recall.view.camera().to_camera(map.balls.means[seen.gaussian]);
-        let side = map.balls.radii[seen.gaussian] / RADIUS_PER_SPACING * frame.intrinsics().fx / center.z;
+        let side = map.balls.radii[seen.gaussian] / RADIUS_PER_SPACING * frame.intrinsics().fx / seen.depth;
         let mut pixels = (side * side).clamp(1.0, MAX_BLOCK);
         if pixels < SMALL {
             if !seen.gaussian.is_multiple_of(small_per_sample) {

@@ -10,7 +10,6 @@ use crate::patches::PatchGraph;
 use crate::recall::{FramePlace, Recall, TileSurface};
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
-use crate::replaced::{FoundReplacements, Replacements, SeenGaussian, find_replacements, remember_colors};
 use crate::segment_store::SegmentStore;
 use crate::segments::{LostIds, Segments};
 use crate::{LearningExtent, MemoryError, MemoryRules, MemorySettings, NewStore, SegmentBelief};
@@ -179,7 +178,7 @@ impl SplatMemory {
         let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
         let rules = (&self.settings, &self.rules);
         let recall = Recall::new(&self.map.balls, read_tile, frame, &place, FrameTrust::Alone, rules);
-        let replacements = self.compared_colors(&recall, shown).replacements;
+        let replacements = self.compared_colors(&recall, shown, |_| true).replacements;
         let mut belief = recall.belief;
         if !replacements.is_empty() {
             let pixels = belief.segments.pixels_mut().iter_mut().zip(belief.confidence.pixels_mut());
@@ -267,45 +266,6 @@ impl SplatMemory {
         update.forgotten = self.release_ids(update.removed > 0).forgotten;
         self.frames = self.frames.saturating_add(1);
         Ok(update)
-    }
-
-    /// Finds predictions that are not the segments expected at their place, because colours differ. `labels` contains a
-    /// number for the prediction visible at each pixel, `[height, width]`, 0 for none. Nothing is found without
-    /// `memory.compare_colors`, or where frames remove nothing.
-    pub fn find_replacements(&self, recall: &mut Recall<'_>, labels: &SegmentMap) -> Replacements {
-        let found = self.compared_colors(recall, labels);
-        for seen in &found.replaced {
-            recall.visibility[seen.gaussian] = Visibility::Replaced;
-        }
-        let is_due = |seen: &SeenGaussian| {
-            self.map.seen_through[seen.gaussian].saturating_add(1) >= self.settings.removal_frames
-        };
-        recall.replaced = found.replaced.into_iter().filter(is_due).collect();
-        recall.seen = found.seen;
-        found.replacements
-    }
-
-    fn compared_colors(&self, recall: &Recall<'_>, labels: &SegmentMap) -> FoundReplacements {
-        let removes = !self.rules.is_papers_map() && self.settings.removal_frames > 0;
-        if !removes || !self.rules.judges_predictions || !self.settings.compare_colors {
-            return FoundReplacements::default();
-        }
-        let uncertain = &self.anchor.uncertain;
-        let is_certain = |gaussian: usize| uncertain.is_empty() || !uncertain.contains(&self.map.anchors[gaussian]);
-        find_replacements(&self.map, recall, labels, is_certain)
-    }
-
-    /// Gives Gaussians of things that were replaced to the predictions that are there now.
-    fn replace(&mut self, recall: &mut Recall<'_>, predicted: &SegmentMap) {
-        let id = |seen: &SeenGaussian| (seen.gaussian, predicted.pixels()[seen.pixel]);
-        let replaced: Vec<(usize, SegmentId)> = recall.replaced.iter().map(id).collect();
-        self.store.replace(&replaced);
-        self.patches.forget(replaced.iter().map(|(gaussian, _)| *gaussian));
-        remember_colors(&mut self.map, recall, predicted);
-        for seen in &recall.replaced {
-            self.map.colors[seen.gaussian] = recall.frame.color().pixels()[seen.pixel];
-            recall.visibility[seen.gaussian] = Visibility::Seen;
-        }
     }
 
     /// The regions and affinities of a frame if there are any and the store can use them.

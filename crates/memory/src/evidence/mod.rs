@@ -35,9 +35,9 @@ const PIXELS: usize = TileWeights::PIXELS;
 /// unreliable: the correction for that light divides by at least this.
 const MIN_LIGHT: f32 = 0.05;
 
-/// A second opinion with less evidence is what is left of a thing that was there: a contradicted mask has more in its first
-/// frame.
-const MIN_OPINION: f32 = 0.1;
+/// A second opinion with less evidence, relative to one vote for a contradicted mask, is what is left of a thing that was
+/// there.
+const MIN_OPINION: f32 = 0.4;
 
 /// Gaussians counted per task when a memory is loaded.
 const GAUSSIANS_PER_COUNT: usize = 1 << 16;
@@ -176,6 +176,7 @@ impl SegmentStore for EvidenceStore {
 
     fn second_opinion(&self, recall: &Recall<'_>) -> SegmentMap {
         let expected = &recall.belief.segments;
+        let least = MIN_OPINION * self.settings.contradicted_weight;
         recall.map_tiles(|tile, found, second| {
             let expected = cut(tile, expected);
             let mut best = ArgMax { ids: [0; PIXELS], evidence: [0.0; PIXELS] };
@@ -188,7 +189,7 @@ impl SegmentStore for EvidenceStore {
                 best.update(*id, &others);
             }
             for ((second, id), evidence) in second.iter_mut().zip(best.ids).zip(best.evidence) {
-                *second = if evidence >= MIN_OPINION { id } else { 0 };
+                *second = if evidence >= least { id } else { 0 };
             }
         })
     }

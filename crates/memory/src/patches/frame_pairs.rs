@@ -5,7 +5,7 @@ use super::{NO_PATCH, PairEvidence, pair_key};
 use rayon::prelude::*;
 use splatseg_geometry::{Affinities, AffinityPlane};
 
-/// Of so many rows, one has the first pixels of the pairs that count: neighbouring rows say nearly the same.
+/// Pairs of pixels are counted from every second row only: neighbouring rows have nearly the same pairs.
 const ROWS_PER_PAIR: usize = 2;
 
 /// Returns the evidence about pairs of different patches, by increasing key.

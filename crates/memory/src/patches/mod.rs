@@ -137,8 +137,7 @@ impl PatchGraph {
     }
 
     /// Learns a frame: makes patches of the map's new Gaussians `added` and of those that show another thing now, and adds the
-    /// frame's evidence. `predicted` contains
-    /// the frame's predictions, and `regions` is the segmenter's finer cut, both `[height, width]`, 0 for none.
+    /// frame's evidence. `predicted` contains the frame's predictions, and `regions` is the segmenter's finer cut, both `[height, width]`, 0 for none.
     pub fn learn(
         &mut self,
         recall: &Recall<'_>,
@@ -149,17 +148,15 @@ impl PatchGraph {
     ) {
         let cells = FrameCells::new(affinities, regions);
         let mut new: ByKey<u32> = ByKey::default();
-        for gaussian in added {
-            let place = (gaussian.pixel % regions.width(), gaussian.pixel / regions.width());
+        self.of_gaussians.extend(added.iter().map(|_| NO_PATCH));
+        let first = self.of_gaussians.len() - added.len();
+        let added = (first..).zip(added.iter().map(|gaussian| gaussian.pixel));
+        let replaced = recall.replaced.iter().map(|seen| (seen.gaussian, seen.pixel));
+        for (gaussian, pixel) in added.chain(replaced) {
+            let place = (pixel % regions.width(), pixel / regions.width());
             let patch = *new.entry(cells.key(place)).or_insert_with(|| self.new_patch());
             self.patches[patch as usize].gaussians += 1;
-            self.of_gaussians.push(patch);
-        }
-        for seen in &recall.replaced {
-            let place = (seen.pixel % regions.width(), seen.pixel / regions.width());
-            let patch = *new.entry(cells.key(place)).or_insert_with(|| self.new_patch());
-            self.patches[patch as usize].gaussians += 1;
-            self.of_gaussians[seen.gaussian] = patch;
+            self.of_gaussians[gaussian] = patch;
         }
         let new_patch = |place| new.get(&cells.key(place)).copied();
         let shown = FramePatches::new(recall, &self.of_gaussians, affinities, settings, new_patch);
@@ -276,7 +273,7 @@ impl PatchGraph {
     /// for that if another object has more of it ([`MIN_NEW_OBJECT`]).
     ///
     /// # Errors
-    /// That of `new`.
+    /// As `new`.
     pub fn settled<E>(
         &self,
         mut new: impl FnMut(SegmentId) -> Result<SegmentId, E>,

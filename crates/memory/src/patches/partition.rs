@@ -10,7 +10,7 @@ use std::collections::BinaryHeap;
 /// regions of a frame are.
 const THRESHOLD: f64 = -0.5;
 
-/// What the mean gains if frames gave two parts the same ids; in proportion, if they gave them some in common.
+/// Added to the mean log-odds if frames gave two parts the same ids; a share of it if they have some ids in common.
 const AGREEMENT_WEIGHT: f64 = 3.0;
 
 /// Objects of a map.

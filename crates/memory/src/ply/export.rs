@@ -81,7 +81,7 @@ impl SplatFile {
         gaussians(&self.map, &self.segment_ids, self.content.view())
     }
 
-    /// What is known about the place of each Gaussian, in the order of the file. In a file of an earlier version all
+    /// Returns whether the surface of each Gaussian was observed or completed, in the order of the file. In a file of an earlier version all
     /// were observed.
     ///
     /// # Errors

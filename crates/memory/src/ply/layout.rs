@@ -89,7 +89,7 @@ impl Layout {
 }
 
 impl Sizes {
-    /// Returns the sizes of a memory to be saved, whose state besides the Gaussians has so many bytes.
+    /// Returns the sizes of a memory to be saved, whose state besides the Gaussians has `saved_state` bytes.
     pub fn of(view: &SplatFileView<'_>, saved_state: usize) -> Self {
         let layout = match view.content {
             SplatContentView::Evidence { .. } => Layout::Evidence,

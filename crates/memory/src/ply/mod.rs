@@ -72,7 +72,7 @@
 //! print(arrays["keyframes.world_from_camera"])
 //! ```
 //!
-//! What may change without a new version is written at [`StateBlock`]. The version here goes up only if programs that
+//! [`StateBlock`] lists the changes that need no new version. The version here goes up only if programs that
 //! read 5 would misunderstand the rest of the file. In version 4, `short_term` stands in the comment in place of `state`,
 //! and the state is text. Such files are read, but not written any more.
 //!

@@ -52,7 +52,7 @@ pub(crate) struct SavedSketch {
     pub color: Vec<[u8; 3]>,
 }
 
-/// What is no array in a [`SavedSketch`].
+/// The camera of a [`SavedSketch`], saved as JSON.
 #[derive(Serialize, Deserialize)]
 struct SketchCamera {
     intrinsics: Intrinsics,

@@ -18,8 +18,8 @@ const CONTRADICTED: SegmentId = 4;
 /// Maximum difference of sums in another order, and minimum lead of a clear result.
 const CLOSE: f32 = 1e-4;
 
-/// A second opinion with less evidence is none.
-const MIN_OPINION: f32 = 0.1;
+/// A second opinion with less evidence, relative to one vote for a contradicted mask, is none.
+const MIN_OPINION: f32 = 0.4;
 
 /// A Gaussian seen by a pixel.
 #[derive(Clone, Copy, Debug)]
@@ -110,8 +110,9 @@ fn check_pixels(run: &Run, recall: &Recall<'_>, predicted: &SegmentMap, votes: &
             assert!((belief.confidence.pixels()[at] - expected.1).abs() < CLOSE, "pixel {at}: {evidence:?}");
         }
         let (second, most, lead) = second_best(&evidence, belief.segments.pixels()[at]);
-        if lead > CLOSE && (most - MIN_OPINION).abs() > CLOSE {
-            let second = if most > MIN_OPINION { second } else { 0 };
+        let least = MIN_OPINION * settings.contradicted_weight;
+        if lead > CLOSE && (most - least).abs() > CLOSE {
+            let second = if most > least { second } else { 0 };
             assert_eq!(opinion.pixels()[at], second, "pixel {at}: {evidence:?}");
         }
         let own = predicted.pixels()[at];
