@@ -2,12 +2,13 @@
 """Makes the tables of the README, docs/RESULTS.md and docs/dev/ABLATIONS.md, and docs/RESULTS_TABLES.md, from commands.py.
 
     python tools/results --data ../shared/data            # run what has not been run on this commit, write the tables
-    python tools/results --data ../shared/data --only map # run the commands of one table; the documents stay as they are
+    python tools/results --data ../shared/data --only map # only the commands of one table
     python tools/results --list                           # which commands there are, and which have been run
 
 A command runs once for each version of the program, identified by the last commit that changed its sources. Its output
-is kept in target/results/COMMIT. The documents are written only if every table can be made from one version, on one
-machine. Speed is measured only while the machine is otherwise idle. Needs only Python's standard library, and Linux.
+is kept in target/results/COMMIT. A table is written when all of its commands have run, on one machine; the tables of which
+some have not run on this version stay as they are, so that a long measurement can be done in parts. Speed is measured only
+while the machine is otherwise idle. Needs only Python's standard library, and Linux.
 """
 
 import argparse
@@ -47,8 +48,7 @@ def main():
         if arguments.data is None:
             parser.error("--data is needed to run " + ", ".join(missing))
         run_missing(missing, folder, commit, arguments.data.resolve())
-    if not arguments.only:
-        documents.write(PROJECT, folder, commit)
+    documents.write(PROJECT, folder, commit)
 
 
 def run_missing(missing, folder, commit, data):

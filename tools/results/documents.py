@@ -15,20 +15,24 @@ BLOCK = re.compile(r"<!-- table (?P<name>[a-z0-9-]+) -->\n.*?<!-- end of table -
 
 
 def write(project, folder, commit):
-    """Replaces the tables of the documents: all of them or, if one cannot be made, none."""
+    """Replaces the tables whose commands have been run on this version, in the documents and in the appendix. The others
+    stay as they are: each table names its own version."""
+    appendix = project / APPENDIX
     texts = {project / name: (project / name).read_text() for name in DOCUMENTS}
-    used = [match["name"] for text in texts.values() for match in BLOCK.finditer(text)]
-    used += [name for _, _, names in SECTIONS for name in names]
-    for name in used:
-        if name not in TABLES:
-            sys.exit(f"there is no table {name}; expected one of {', '.join(TABLES)}")
-    unused = set(TABLES) - set(used)
-    if unused:
+    before = {match["name"]: match[0] for match in BLOCK.finditer(appendix.read_text())}
+    before |= {match["name"]: match[0] for text in texts.values() for match in BLOCK.finditer(text)}
+    shown = {name for _, _, names in SECTIONS for name in names}
+    for name in shown - set(before):
+        before[name] = f"<!-- table {name} -->\n<!-- end of table -->"
+    if unknown := set(before) - set(TABLES):
+        sys.exit(f"there is no table {', '.join(sorted(unknown))}; expected {', '.join(TABLES)}")
+    if unused := set(TABLES) - set(before):
         sys.exit(f"no document shows the tables {', '.join(sorted(unused))}")
-    tables = {name: table(name, folder, commit) for name in used}
+    is_done = {command: (folder / command / "done.json").is_file() for command in COMMANDS}
+    new = [name for name in TABLES if all(is_done[command] for command in TABLES[name].commands)]
+    tables = before | {name: table(name, folder, commit) for name in new}
     for path, text in texts.items():
         path.write_text(BLOCK.sub(lambda match: tables[match["name"]], text))
-        print(f"wrote {path}")
     parts = [INTRODUCTION]
     for heading, note, names in SECTIONS:
         parts += [
@@ -36,8 +40,8 @@ def write(project, folder, commit):
             f"{wrapped_note(note)}\n" if note else "",
             *(tables[name] + "\n" for name in names),
         ]
-    (project / APPENDIX).write_text("\n".join(part for part in parts if part))
-    print(f"wrote {project / APPENDIX}")
+    appendix.write_text("\n".join(part for part in parts if part))
+    print(f"wrote {len(new)} tables; of another version: {', '.join(sorted(set(tables) - set(new))) or 'none'}")
 
 
 def wrapped_note(note):
