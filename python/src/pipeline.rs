@@ -164,7 +164,7 @@ impl Pipeline {
     fn settle(&self, py: Python<'_>) -> PyResult<bool> {
         let mut guard = self.lock()?;
         let state = &mut *guard;
-        py.detach(|| in_pool(self.threads.as_ref(), || state.pipeline.settle())).map_err(runtime_error)
+        Ok(py.detach(|| in_pool(self.threads.as_ref(), || state.pipeline.settle())))
     }
 
     /// The ids of an earlier frame as the map shows them now; those of the time if its pose was unknown.

@@ -39,7 +39,7 @@ impl Results {
         self.frames.world.as_deref().unwrap_or(WORLD)
     }
 
-    /// Publishes the messages of a frame: its ids and overlay on its stamp, and its pose if it is tracked.
+    /// Publishes the ids and the overlay of a frame on its stamp.
     pub(crate) fn publish_frame(&self, frame: &LiveFrame<'_>, outlet: &mut dyn Outlet) {
         let segments = &frame.result.output.segments;
         let named = |name: &str| if name.is_empty() { CAMERA.to_owned() } else { name.to_owned() };
@@ -56,8 +56,12 @@ impl Results {
             message.header.frame_id = named(&self.frames.camera);
             send(outlet, Output::Overlay, to_cdr(&message));
         }
-        if frame.result.pose.state == PoseState::Tracked && outlet.wants(Output::Transform) {
-            let mut message = camera_pose(time(frame.stamp), CameraPose::new(&frame.result.pose.world_from_camera));
+    }
+
+    /// Publishes the pose of a frame if it is tracked.
+    pub(crate) fn publish_pose(&self, stamp: Duration, result: &FrameResult, outlet: &mut dyn Outlet) {
+        if result.pose.state == PoseState::Tracked && outlet.wants(Output::Transform) {
+            let mut message = camera_pose(time(stamp), CameraPose::new(&result.pose.world_from_camera));
             for transform in &mut message.transforms {
                 transform.header.frame_id = self.world().to_owned();
                 transform.child_frame_id = TRACKED_CAMERA.to_owned();

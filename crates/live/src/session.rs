@@ -7,9 +7,10 @@ use crate::saved_map::objects;
 use crate::{
     LiveError, LiveFrame, LiveRequest, LiveStatus, LiveStream, Outlet, Output, Requests, SaveStatus, SavedMap,
 };
-use splatseg::pipeline::{FrameResult, LoadedNetworks, PipelineError};
+use splatseg::pipeline::{FrameResult, LateFrame, LoadedNetworks, PipelineError, WaitingFrames};
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{StreamedFrame, UndecodedFrame};
+use splatseg_geometry::{CameraFrame, Image, Intrinsics};
 use splatseg_objects::{FrameStamp, Object, ObjectList, SeenObjects};
 use splatseg_ros::{Detection3dArray, Header, Time, to_cdr};
 use std::path::Path;
@@ -34,6 +35,8 @@ pub struct LiveOptions {
     pub saved_map: Option<SavedMap>,
     /// Interval between saves.
     pub save_interval: Duration,
+    /// Results of frames are published this much later, by stamps, decided again with what has been seen since.
+    pub lag: Duration,
 }
 
 impl Default for LiveOptions {
@@ -44,6 +47,7 @@ impl Default for LiveOptions {
             status_interval: SECOND,
             saved_map: None,
             save_interval: Duration::from_secs(30),
+            lag: Duration::ZERO,
         }
     }
 }
@@ -72,11 +76,25 @@ pub struct LiveSession {
     options: LiveOptions,
     results: Results,
     seen: SeenObjects,
+    /// With a lag: the frames whose results are not published yet.
+    waiting: WaitingFrames<PublishedFrame>,
+    /// When the latest of them came.
+    latest_frame: Instant,
     status: LiveStatus,
     times: LatestTimes,
     latest_stamp: Duration,
     due: Due,
     requests: (Requests, Receiver<PendingRequest>),
+}
+
+/// What is published with the result of a frame.
+#[derive(Debug)]
+struct PublishedFrame {
+    stamp: Duration,
+    file_stamp: FrameStamp,
+    /// Width and height.
+    size: (usize, usize),
+    intrinsics: Intrinsics,
 }
 
 /// When things were last done.
@@ -110,6 +128,8 @@ impl LiveSession {
             options,
             results: Results::default(),
             seen: SeenObjects::default(),
+            waiting: WaitingFrames::default(),
+            latest_frame: now,
             status: LiveStatus { saving, ..LiveStatus::default() },
             times: LatestTimes::default(),
             latest_stamp: Duration::ZERO,
@@ -150,7 +170,9 @@ impl LiveSession {
     /// If the method fails, or the map cannot be saved at the end. A save in between that fails is in the status until one
     /// works ([`LiveStatus::saving`]).
     pub fn run(&mut self, is_stopped: &mut dyn FnMut() -> bool) -> Result<(), LiveError> {
-        let ended = self.process(is_stopped);
+        let ended = self.process(is_stopped).and_then(|()| self.publish_waiting(|_| true));
+        // What was published is saved.
+        self.pipeline.keep_verdicts();
         let saved = if self.has_unsaved() || self.has_lost_files() { self.save() } else { Ok(()) };
         self.publish_all();
         match (ended, saved) {
@@ -166,6 +188,10 @@ impl LiveSession {
                 Some(frame) => self.use_frame(frame)?,
                 None if self.stream.is_over() => break,
                 None => self.status.problem = self.stream.undecided(),
+            }
+            if self.latest_frame.elapsed() > self.options.lag + SECOND {
+                // The camera has stopped: nothing more will be known about them soon.
+                self.publish_waiting(|_| true)?;
             }
             self.answer_requests();
             self.do_what_is_due();
@@ -184,17 +210,19 @@ impl LiveSession {
             }
         };
         let StreamedFrame { frame, world_from_camera, .. } = streamed;
-        let stamp = frame.timestamp().unwrap_or(received);
-        let file_stamp = FrameStamp {
-            number: self.status.frames,
-            name: Some(frame.name().to_owned()),
-            file: None,
-            time_s: Some(stamp.as_secs_f64()),
+        let place = PublishedFrame {
+            stamp: frame.timestamp().unwrap_or(received),
+            file_stamp: FrameStamp {
+                number: self.status.frames,
+                name: Some(frame.name().to_owned()),
+                file: None,
+                time_s: Some(frame.timestamp().unwrap_or(received).as_secs_f64()),
+            },
+            size: (frame.width(), frame.height()),
+            intrinsics: *frame.intrinsics(),
         };
-        let size = (frame.width(), frame.height());
         let is_shown = self.outlet.is_watched() || self.outlet.wants(Output::Overlay);
-        let color = is_shown.then(|| frame.color().clone().into_owned());
-        let intrinsics = *frame.intrinsics();
+        let kept = (is_shown || !self.options.lag.is_zero()).then(|| frame.clone());
         let result = match world_from_camera {
             Some(pose) => self.pipeline.step(&frame.at(pose)),
             None => self.pipeline.step_unposed(frame),
@@ -202,25 +230,13 @@ impl LiveSession {
         match result {
             Ok(result) => {
                 self.seen.remap(&result.remapped);
-                self.seen.record(&file_stamp, size, &result.objects);
                 self.record(&result, received, started);
-                self.latest_stamp = stamp;
+                self.latest_stamp = place.stamp;
                 if let Some(frames) = self.stream.coordinate_frames() {
                     self.results.set_frames(frames);
                 }
-                let frame = LiveFrame {
-                    number: file_stamp.number,
-                    name: file_stamp.name.as_deref().unwrap_or_default(),
-                    stamp,
-                    color: color.as_ref(),
-                    intrinsics,
-                    result: &result,
-                    pipeline: &self.pipeline,
-                    status: &self.status,
-                };
-                self.outlet.show_frame(&frame);
-                self.results.publish_frame(&frame, self.outlet.as_mut());
-                Ok(())
+                self.results.publish_pose(place.stamp, &result, self.outlet.as_mut());
+                self.publish_or_wait(kept, place, result)
             }
             Err(error @ (PipelineError::Segmenter { .. } | PipelineError::Pose { .. })) => {
                 self.skip(error.to_string());
@@ -228,6 +244,57 @@ impl LiveSession {
             }
             Err(error) => Err(error.into()),
         }
+    }
+
+    /// Publishes a result, or lets it wait and publishes those that have waited long enough.
+    fn publish_or_wait(
+        &mut self,
+        frame: Option<CameraFrame<'static>>,
+        place: PublishedFrame,
+        result: FrameResult,
+    ) -> Result<(), LiveError> {
+        let (lag, stamp) = (self.options.lag, place.stamp);
+        match frame {
+            Some(frame) if !lag.is_zero() => {
+                self.latest_frame = Instant::now();
+                let pose = result.pose.world_from_camera;
+                self.waiting.add(frame.at(pose), result, place);
+                // A clock that was set back must not keep frames for ever.
+                self.publish_waiting(|waited| stamp < waited || stamp - waited >= lag)
+            }
+            frame => {
+                self.publish(frame.as_ref().map(|frame| frame.color()), &place, &result);
+                Ok(())
+            }
+        }
+    }
+
+    /// Decides the waiting frames again for whose stamps `is_due` returns true, and publishes them.
+    fn publish_waiting(&mut self, is_due: impl Fn(Duration) -> bool) -> Result<(), LiveError> {
+        while let Some(LateFrame { frame, result, belongings }) =
+            self.waiting.next_due(&mut self.pipeline, |place, _| is_due(place.stamp))?
+        {
+            self.publish(Some(frame.color()), &belongings, &result);
+        }
+        Ok(())
+    }
+
+    /// Publishes the result of a frame. `color` may be left out if nobody watches.
+    fn publish(&mut self, color: Option<&Image<[u8; 3]>>, place: &PublishedFrame, result: &FrameResult) {
+        self.seen.record(&place.file_stamp, place.size, &result.objects);
+        let is_shown = self.outlet.is_watched() || self.outlet.wants(Output::Overlay);
+        let frame = LiveFrame {
+            number: place.file_stamp.number,
+            name: place.file_stamp.name.as_deref().unwrap_or_default(),
+            stamp: place.stamp,
+            color: color.filter(|_| is_shown),
+            intrinsics: place.intrinsics,
+            result,
+            pipeline: &self.pipeline,
+            status: &self.status,
+        };
+        self.outlet.show_frame(&frame);
+        self.results.publish_frame(&frame, self.outlet.as_mut());
     }
 
     fn skip(&mut self, problem: String) {
@@ -360,6 +427,7 @@ impl LiveSession {
         self.pipeline = (self.build)(path)?;
         self.status.doubts.clear();
         self.seen = SeenObjects::default();
+        self.waiting = WaitingFrames::default();
         Ok(())
     }
 

@@ -56,7 +56,7 @@ pub use ply::{SavedCodes, SavedMemorySettings};
 pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFileView};
 pub use recall::{Recall, StoreTile, TileSurface};
 pub use replaced::Replacements;
-pub use segment_store::{LearningExtent, SegmentStore};
+pub use segment_store::{LearningExtent, SegmentStore, Verdict};
 pub use segments::SegmentHold;
 pub use settings::{GrowthRule, MemorySettings};
 pub use splat_memory::{FrameUpdate, SplatMemory};

@@ -17,6 +17,16 @@ pub struct LearningExtent {
     pub active_gaussians: usize,
 }
 
+/// What the evidence of all frames says that a Gaussian is part of; see
+/// [`SplatMemory::decide_objects`](crate::SplatMemory::decide_objects).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Verdict {
+    /// The object; 0 for none.
+    pub id: SegmentId,
+    /// How many votes it counts.
+    pub votes: f32,
+}
+
 /// The segments that Gaussians remember, one entry per Gaussian of the map: read from a view, fused with the frame's
 /// predictions, and updated from them.
 ///
@@ -35,6 +45,12 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
 
     /// Reads the expected segments of a tile (docs/PAPER.md, "FastSAM-Splat").
     fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile;
+
+    /// As [`read_tile`](Self::read_tile), with verdicts as further votes: one for each Gaussian of the map, or none at all.
+    /// The default ignores them.
+    fn read_tile_with(&self, tile: &TileWeights, surface: &TileSurface, _verdicts: &[Verdict]) -> StoreTile {
+        self.read_tile(tile, surface)
+    }
 
     /// Returns the frame's segments, `[height, width]`: the expected segments combined with the predictions.
     fn fuse(&self, recall: &Recall<'_>, predicted: &SegmentMap) -> SegmentMap;
@@ -79,6 +95,11 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// Returns the segment that each Gaussian shows by itself, 0 for none.
     fn segment_ids(&self) -> Vec<SegmentId>;
 
+    /// As [`segment_ids`](Self::segment_ids), with verdicts as in [`read_tile_with`](Self::read_tile_with).
+    fn segment_ids_with(&self, _verdicts: &[Verdict]) -> Vec<SegmentId> {
+        self.segment_ids()
+    }
+
     /// Returns how undisputed each entry of [`segment_ids`](Self::segment_ids) is: the share, 0 to 1, of the Gaussian's
     /// votes that are for the segment. The default returns `None`, for a kind of memory without a second opinion.
     fn segment_shares(&self) -> Option<Vec<f32>> {
@@ -107,9 +128,8 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// Replaces ids, `names[old] = new`: the new id gets the votes of the old one.
     fn remap(&mut self, _names: &BTreeMap<SegmentId, SegmentId>) {}
 
-    /// Makes each Gaussian show its entry of `ids`, 0 for none, as surely as what it shows now. What it shows now, it
-    /// remembers as surely as it did that entry.
-    fn set_segments(&mut self, _ids: &[SegmentId]) {}
+    /// Counts verdicts as votes for good, one for each Gaussian.
+    fn count_verdicts(&mut self, _verdicts: &[Verdict]) {}
 
     /// Adds what Gaussian `from` remembers to Gaussian `into`. `from` is removed afterwards.
     fn merge_gaussian(&mut self, _from: usize, _into: usize) {}

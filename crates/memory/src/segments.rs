@@ -173,12 +173,6 @@ impl Segments {
         id
     }
 
-    /// Gives an id the sightings of another one: its object is a part of what had that.
-    pub fn copy_sightings(&mut self, from: SegmentId, into: SegmentId) {
-        let sightings = self.live.get(&from).map_or(CONFIRMED, |segment| segment.sightings);
-        self.revive(into).sightings = sightings;
-    }
-
     /// Takes the next id.
     fn next(&mut self) -> SegmentId {
         if self.are_short_ids_given()

@@ -6,7 +6,7 @@ use crate::doubles::Corrected;
 use crate::growth::new_gaussians;
 use crate::map::SplatMap;
 use crate::origin::{MIN_FAR_FRAMES, change_of_origin, is_far, origin_for};
-use crate::patches::PatchGraph;
+use crate::patches::{PatchGraph, Scope};
 use crate::recall::{FramePlace, Recall, TileSurface};
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
@@ -175,7 +175,8 @@ impl SplatMemory {
     pub fn look_again(&self, frame: &RgbdFrame<'_>, shown: &SegmentMap) -> SegmentBelief {
         let pose = frame.world_from_camera().relative_to(self.origin);
         let place = FramePlace { map_from_camera: pose, viewed_from: pose, jump: None };
-        let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
+        let verdicts = self.patches.verdicts();
+        let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile_with(tile, surface, &verdicts);
         let rules = (&self.settings, &self.rules);
         let recall = Recall::new(&self.map.balls, read_tile, frame, &place, FrameTrust::Alone, rules);
         let replacements = self.compared_colors(&recall, shown, |_| true).replacements;
@@ -283,27 +284,34 @@ impl SplatMemory {
         Ok(Some((regions, affinities)))
     }
 
-    /// Decides from the affinities of all frames so far which Gaussians are one object. Every object keeps the id that most
-    /// frames gave it, or gets a new one if another object has more of that. Gaussians of frames without affinities keep
-    /// theirs. Returns false if the memory has learnt no affinities: then nothing changes.
-    ///
-    /// # Errors
-    /// If a store has no room for the ids of new objects.
-    pub fn settle(&mut self) -> Result<bool, MemoryError> {
+    /// Decides from the affinities of all frames so far which Gaussians are one object, and counts that as votes: one for eight
+    /// frames that saw them. Every object has the id that most frames gave it. Where another object has more of that, and for
+    /// Gaussians of frames without affinities, votes stay as they are. Returns false if the memory has learnt no affinities:
+    /// then nothing changes.
+    pub fn settle(&mut self) -> bool {
         if self.patches.is_empty() {
-            return Ok(false);
+            return false;
         }
-        let Self { patches, segments, store, .. } = self;
-        let settled = patches.settled(|part_of| {
-            let id = segments.add();
-            segments.copy_sightings(part_of, id);
-            store.new_segment(id).map(|()| id)
-        })?;
-        let ids = settled.into_iter().zip(self.store.segment_ids());
-        let settled: Vec<SegmentId> = ids.map(|(settled, before)| settled.unwrap_or(before)).collect();
-        self.store.set_segments(&settled);
+        // Ids are those that frames gave, whatever was decided in between.
+        self.patches.forget_verdicts();
+        self.patches.decide(Scope::All);
+        self.keep_verdicts();
+        true
+    }
+
+    /// Decides the same about what the last `frames` frames have seen. Votes stay as they are: the verdicts only count in what
+    /// [`Self::look_again`] and [`Self::map`] show, until the next call. Objects keep the ids of the last call.
+    pub fn decide_objects(&mut self, frames: u32) {
+        if !self.patches.is_empty() {
+            self.patches.decide(Scope::Frames(frames));
+        }
+    }
+
+    /// Counts the verdicts of [`Self::decide_objects`] as votes for good.
+    pub fn keep_verdicts(&mut self) {
+        self.store.count_verdicts(&self.patches.verdicts());
+        self.patches.forget_verdicts();
         self.release_ids(false);
-        Ok(true)
     }
 
     /// Records a frame whose pose is unknown: its ids count as seen, but the map does not change. `predicted` contains the
@@ -564,7 +572,7 @@ impl SplatMemory {
 
 impl MapSegments for SplatMemory {
     fn segment_ids(&self) -> Vec<SegmentId> {
-        self.store.segment_ids()
+        self.store.segment_ids_with(&self.patches.verdicts())
     }
 
     fn segment_shares(&self) -> Option<Vec<f32>> {

@@ -8,6 +8,7 @@ use splatseg_live::{
 };
 use splatseg_objects::ObjectList;
 use splatseg_ros::{Detection3dArray, DiagnosticArray, Image, MarkerArray, PointCloud2, from_cdr};
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -121,6 +122,34 @@ fn messages_agree_with_the_saved_objects() {
     let diagnostics: DiagnosticArray = from_cdr(latest(Output::Diagnostics)).unwrap();
     assert_eq!(diagnostics.status[0].message, "running");
     assert_eq!(setting.shown.lock().unwrap().last().unwrap().counts.frames, 4);
+}
+
+#[test]
+fn with_a_lag_every_frame_is_published_later_on_its_stamp() {
+    let stamps = |lag: Duration| {
+        let folder = tempfile::tempdir().unwrap();
+        let saved = SavedMap::new(folder.path().join("home.ply"));
+        let options = LiveOptions { lag, saved_map: Some(saved.clone()), ..LiveOptions::default() };
+        let mut setting = setting(options, None);
+        play(&mut setting);
+        assert_eq!(setting.session.status().frames, 4);
+        let published = setting.published.lock().unwrap();
+        let ids: Vec<&Vec<u8>> =
+            published.iter().filter(|(output, _)| *output == Output::Ids).map(|(_, message)| message).collect();
+        let images: Vec<Image<'_>> = ids.iter().map(|message| from_cdr(message).unwrap()).collect();
+        let shown =
+            images.iter().flat_map(|image| image.data.as_chunks::<2>().0.iter().map(|id| u16::from_le_bytes(*id)));
+        let shown: BTreeSet<u32> = shown.map(u32::from).filter(|id| *id != 0).collect();
+        let list: ObjectList = serde_json::from_slice(&std::fs::read(saved.objects()).unwrap()).unwrap();
+        let listed: BTreeSet<u32> = list.objects.iter().map(|object| object.id).collect();
+        assert!(shown.is_subset(&listed), "{shown:?}, {listed:?}");
+        images.iter().map(|image| image.header.stamp.nanoseconds()).collect::<Vec<_>>()
+    };
+    let at_once = stamps(Duration::ZERO);
+    assert!(at_once.len() == 4 && at_once.is_sorted());
+    for lag in [Duration::from_millis(1), Duration::from_secs(10)] {
+        assert_eq!(stamps(lag), at_once);
+    }
 }
 
 #[test]

@@ -21,7 +21,7 @@ use crate::ply::SplatContentView;
 use crate::recall::{Recall, StoreTile, TileSurface, cut};
 use crate::segment_store::{LearningExtent, SegmentStore};
 use crate::settings::COVERED;
-use crate::{MemoryError, MemorySettings, SegmentHold};
+use crate::{MemoryError, MemorySettings, SegmentHold, Verdict};
 use census::{Census, CensusChanges};
 use rayon::prelude::*;
 use splatseg_geometry::{SegmentId, SegmentMap};
@@ -88,11 +88,26 @@ impl EvidenceStore {
         Self { settings, votes, census }
     }
 
+    /// The votes of a Gaussian and the verdict on it.
+    #[inline(always)]
+    fn votes_with(&self, verdicts: &[Verdict], gaussian: usize) -> Votes {
+        let mut votes = self.votes[gaussian];
+        if let Some(verdict) = verdicts.get(gaussian).filter(|verdict| verdict.id != 0) {
+            votes.add(verdict.id, verdict.votes);
+        }
+        votes
+    }
+
     /// Returns `E_p(id)` of a tile: the ids, and their evidence `[ids, 16, 16]`.
     ///
     /// Only Gaussians near the observed depth count. Gaussians in front of it are gone or were wrong: the light that
     /// they block is returned to the Gaussians behind.
-    fn evidence(&self, tile: &TileWeights, observed: &[f32; PIXELS]) -> (Vec<SegmentId>, Vec<f32>) {
+    fn evidence(
+        &self,
+        tile: &TileWeights,
+        observed: &[f32; PIXELS],
+        verdicts: &[Verdict],
+    ) -> (Vec<SegmentId>, Vec<f32>) {
         let (mut ids, mut evidence): (Vec<SegmentId>, Vec<f32>) = (Vec::new(), Vec::new());
         let mut light = [1.0f32; PIXELS];
         let mut counted: Vec<(u8, f32)> = Vec::with_capacity(PIXELS);
@@ -112,7 +127,7 @@ impl EvidenceStore {
             if counted.is_empty() {
                 continue;
             }
-            for (id, votes) in self.votes[*gaussian as usize].iter() {
+            for (id, votes) in self.votes_with(verdicts, *gaussian as usize).iter() {
                 // A tile shows few segments, and neighbours mostly show the same one.
                 let place = ids.iter().position(|known| *known == id).unwrap_or_else(|| {
                     ids.push(id);
@@ -138,7 +153,11 @@ impl EvidenceStore {
 
 impl SegmentStore for EvidenceStore {
     fn read_tile(&self, tile: &TileWeights, surface: &TileSurface) -> StoreTile {
-        let (ids, values) = self.evidence(tile, &surface.observed);
+        self.read_tile_with(tile, surface, &[])
+    }
+
+    fn read_tile_with(&self, tile: &TileWeights, surface: &TileSurface, verdicts: &[Verdict]) -> StoreTile {
+        let (ids, values) = self.evidence(tile, &surface.observed, verdicts);
         let mut best = ArgMax { ids: [0; PIXELS], evidence: [0.0; PIXELS] };
         for (id, evidence) in ids.iter().zip(values.as_chunks().0) {
             best.update(*id, evidence);
@@ -260,22 +279,12 @@ impl SegmentStore for EvidenceStore {
         self.census.apply(changes);
     }
 
-    fn set_segments(&mut self, ids: &[SegmentId]) {
+    fn count_verdicts(&mut self, verdicts: &[Verdict]) {
         let mut changes = CensusChanges::default();
-        for (votes, id) in self.votes.iter_mut().zip(ids) {
-            let winner = votes.winner();
-            let swapped = |known: SegmentId| {
-                if known == winner {
-                    *id
-                } else if known == *id {
-                    winner
-                } else {
-                    known
-                }
-            };
-            let decided = votes.renamed(swapped);
-            changes.replace(votes, &decided);
-            *votes = decided;
+        for gaussian in 0..self.votes.len().min(verdicts.len()) {
+            let votes = self.votes_with(verdicts, gaussian);
+            changes.replace(&self.votes[gaussian], &votes);
+            self.votes[gaussian] = votes;
         }
         self.census.apply(changes);
     }
@@ -296,6 +305,10 @@ impl SegmentStore for EvidenceStore {
 
     fn segment_ids(&self) -> Vec<SegmentId> {
         self.votes.iter().map(|votes| votes.winner()).collect()
+    }
+
+    fn segment_ids_with(&self, verdicts: &[Verdict]) -> Vec<SegmentId> {
+        (0..self.votes.len()).map(|gaussian| self.votes_with(verdicts, gaussian).winner()).collect()
     }
 
     fn segment_shares(&self) -> Option<Vec<f32>> {

@@ -3,11 +3,12 @@
 //! A patch is a group of neighbouring Gaussians that the map got from one frame, in one region of the segmenter's finer cut
 //! and one cell of its grid. Every frame adds the log-odds of all pairs of pixels that show two different patches
 //! ([`frame_pairs`]), and counts which ids were predicted where a patch is seen. Objects are a partition of the patches
-//! ([`partition`]). So what a frame found is kept with how sure it was, for as long as the surface is there, where votes
+//! ([`partition`]), each with the id that most frames gave it ([`objects`]). So what a frame found is kept with how sure it was, for as long as the surface is there, where votes
 //! only remember the verdicts of the last few frames.
 
 mod frame_pairs;
 mod frame_patches;
+mod objects;
 mod partition;
 mod saved;
 #[cfg(test)]
@@ -18,12 +19,11 @@ use crate::map::NewGaussian;
 use crate::recall::Recall;
 use frame_pairs::pairs_of;
 use frame_patches::{FrameCells, FramePatches};
-use partition::{Objects, partition};
 use splatseg_geometry::{Affinities, SegmentId, SegmentMap};
-use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::hash::{BuildHasherDefault, Hasher};
 
+pub(crate) use objects::Scope;
 pub(crate) use saved::SavedPatches;
 
 /// Number that stands for no patch.
@@ -31,10 +31,6 @@ pub(crate) const NO_PATCH: u32 = u32::MAX;
 
 /// Ids that a patch remembers. A new one replaces the one with the fewest pixels.
 const IDS_PER_PATCH: usize = 8;
-
-/// An object gets a new id only if frames saw at least this many pixels of it, of the grid of affinities and of all frames
-/// together. Scraps keep the ids that their Gaussians show.
-const MIN_NEW_OBJECT: u64 = 250;
 
 /// Pairs of pixels between two patches that are remembered. Beyond them, sum and count are halved.
 const MAX_PAIRS: u32 = 1 << 22;
@@ -87,6 +83,12 @@ pub(crate) struct Patch {
     gaussians: u32,
     /// Pixels of all frames at which each id was predicted there, by increasing id.
     pixels_of_ids: Vec<(SegmentId, u32)>,
+    /// Frames in which it was seen as any id.
+    frames: u32,
+    /// Number of the latest of them, as [`PatchGraph::learnt`] counts.
+    last_seen: u32,
+    /// Id of the object that it is part of, as last decided; 0 for none.
+    object: SegmentId,
 }
 
 impl Patch {
@@ -113,6 +115,10 @@ pub(crate) struct PatchGraph {
     unused: BTreeSet<u32>,
     /// Evidence about pairs, by [`pair_key`].
     pairs: ByKey<PairEvidence>,
+    /// Frames learnt since the graph was created or restored.
+    learnt: u32,
+    /// True if it was decided what the objects are; see [`Self::decide`].
+    is_decided: bool,
 }
 
 /// Key of a pair of patches, the same in both orders.
@@ -160,19 +166,18 @@ impl PatchGraph {
         }
         let new_patch = |place| new.get(&cells.key(place)).copied();
         let shown = FramePatches::new(recall, &self.of_gaussians, affinities, settings, new_patch);
+        self.learnt = self.learnt.saturating_add(1);
         for (patch, id, pixels) in shown.ids(&affinities.sampled(predicted)) {
-            self.patches[patch as usize].count(id, pixels);
+            let patch = &mut self.patches[patch as usize];
+            patch.count(id, pixels);
+            if patch.last_seen != self.learnt {
+                patch.last_seen = self.learnt;
+                patch.frames = patch.frames.saturating_add(1);
+            }
         }
         for (key, evidence) in pairs_of(&shown, affinities) {
             self.pairs.entry(key).or_default().add(evidence);
         }
-    }
-
-    /// The evidence about pairs, by increasing key.
-    fn sorted_pairs(&self) -> Vec<(u64, PairEvidence)> {
-        let mut pairs: Vec<(u64, PairEvidence)> = self.pairs.iter().map(|(key, evidence)| (*key, *evidence)).collect();
-        pairs.sort_unstable_by_key(|(key, _)| *key);
-        pairs
     }
 
     fn new_patch(&mut self) -> u32 {
@@ -241,6 +246,9 @@ impl PatchGraph {
             for (id, pixels) in std::mem::take(&mut self.patches[*from as usize].pixels_of_ids) {
                 self.patches[*into as usize].count(id, pixels);
             }
+            let frames = self.patches[*from as usize].frames;
+            let heir = &mut self.patches[*into as usize];
+            heir.frames = heir.frames.saturating_add(frames);
         }
         let is_moved = |key: &u64| {
             let (one, other) = patches_of(*key);
@@ -260,42 +268,12 @@ impl PatchGraph {
     /// Replaces ids, `names[old] = new`.
     pub fn remap(&mut self, names: &BTreeMap<SegmentId, SegmentId>) {
         for patch in &mut self.patches {
+            patch.object = names.get(&patch.object).copied().unwrap_or(patch.object);
             if patch.pixels_of_ids.iter().any(|(id, _)| names.contains_key(id)) {
                 for (id, pixels) in std::mem::take(&mut patch.pixels_of_ids) {
                     patch.count(names.get(&id).copied().unwrap_or(id), pixels);
                 }
             }
         }
-    }
-
-    /// Decides from the evidence what the objects are, and returns the id of each Gaussian, `None` for those without
-    /// evidence. Every object keeps the id that most frames gave it, measured in pixels, or gets the one that `new` returns
-    /// for that if another object has more of it ([`MIN_NEW_OBJECT`]).
-    ///
-    /// # Errors
-    /// As `new`.
-    pub fn settled<E>(
-        &self,
-        mut new: impl FnMut(SegmentId) -> Result<SegmentId, E>,
-    ) -> Result<Vec<Option<SegmentId>>, E> {
-        let Objects { of_patches, pixels_of_ids } = partition(&self.patches, &self.sorted_pairs());
-        let shares = pixels_of_ids.iter().enumerate();
-        let mut shares: Vec<(u64, usize, SegmentId)> =
-            shares.flat_map(|(object, ids)| ids.iter().map(move |(id, pixels)| (*pixels, object, *id))).collect();
-        shares.sort_unstable_by_key(|(pixels, object, id)| (Reverse(*pixels), *object, *id));
-        let (mut ids, mut taken) = (vec![None; pixels_of_ids.len()], BTreeSet::new());
-        for (_, object, id) in &shares {
-            if ids[*object].is_none() && taken.insert(*id) {
-                ids[*object] = Some(*id);
-            }
-        }
-        for (_, object, id) in shares {
-            let pixels: u64 = pixels_of_ids[object].iter().map(|(_, pixels)| pixels).sum();
-            if ids[object].is_none() && pixels >= MIN_NEW_OBJECT {
-                ids[object] = Some(new(id)?);
-            }
-        }
-        let id = |patch: &u32| ids[*of_patches.get(*patch as usize)? as usize];
-        Ok(self.of_gaussians.iter().map(id).collect())
     }
 }

@@ -13,17 +13,9 @@ const THRESHOLD: f64 = -0.5;
 /// Added to the mean log-odds if frames gave two parts the same ids; a share of it if they have some ids in common.
 const AGREEMENT_WEIGHT: f64 = 3.0;
 
-/// Objects of a map.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct Objects {
-    /// The object of each patch, numbered from 0 in the order of their first patches.
-    pub of_patches: Vec<u32>,
-    /// Pixels of all frames at which each id was predicted on each object, by increasing id.
-    pub pixels_of_ids: Vec<Vec<(SegmentId, u64)>>,
-}
-
-/// Merges patches into objects. `pairs` are sorted by their keys, each once.
-pub(super) fn partition(patches: &[Patch], pairs: &[(u64, PairEvidence)]) -> Objects {
+/// Merges patches into objects. `pairs` are sorted by their keys, each once. Returns the object of each patch, numbered from 0
+/// in the order of their first patches.
+pub(super) fn partition(patches: &[Patch], pairs: &[(u64, PairEvidence)]) -> Vec<u32> {
     let mut merging = Merging::new(patches, pairs);
     (0..patches.len() as u32).for_each(|part| merging.propose(part));
     while let Some(best) = merging.candidates.pop().filter(|best| best.score > THRESHOLD) {
@@ -77,6 +69,8 @@ impl Ord for Candidate {
 struct Merging {
     /// Pixels of each part that were predicted as each id, by increasing id.
     pixels_of_ids: Vec<Vec<(SegmentId, u64)>>,
+    /// Their sum.
+    pixels: Vec<f64>,
     links: Vec<Vec<Link>>,
     /// Union-find parent of each patch.
     parents: Vec<u32>,
@@ -99,8 +93,11 @@ impl Merging {
             links[one as usize].push(Link { other, count, sum });
             links[other as usize].push(Link { other: one, count, sum });
         }
+        let pixels_of_ids: Vec<Vec<(SegmentId, u64)>> = patches.iter().map(wide).collect();
+        let sum = |ids: &Vec<(SegmentId, u64)>| ids.iter().map(|(_, pixels)| pixels).sum::<u64>() as f64;
         Self {
-            pixels_of_ids: patches.iter().map(wide).collect(),
+            pixels: pixels_of_ids.iter().map(sum).collect(),
+            pixels_of_ids,
             links,
             parents: (0..patches.len() as u32).collect(),
             versions: vec![0; patches.len()],
@@ -154,8 +151,19 @@ impl Merging {
 
     fn score(&self, part: u32, link: &Link) -> f64 {
         let log_odds = link.sum as f64 / link.count as f64 / f64::from(Affinities::UNIT);
-        let [one, other] = [part, link.other].map(|part| &self.pixels_of_ids[part as usize]);
-        log_odds + AGREEMENT_WEIGHT * agreement(one, other)
+        log_odds + AGREEMENT_WEIGHT * self.agreement(part as usize, link.other as usize)
+    }
+
+    /// How much of two parts frames gave the same ids: 1 if both have the same shares of ids, 0 if they have none in common.
+    fn agreement(&self, one: usize, other: usize) -> f64 {
+        let ids = |part: usize| &self.pixels_of_ids[part];
+        // Objects have many ids, most patches one.
+        let (few, many) = if ids(one).len() <= ids(other).len() { (one, other) } else { (other, one) };
+        let common = |(id, pixels): &(SegmentId, u64)| {
+            let place = ids(many).binary_search_by_key(id, |(id, _)| *id).ok()?;
+            Some((*pixels as f64 / self.pixels[few]).min(ids(many)[place].1 as f64 / self.pixels[many]))
+        };
+        ids(few).iter().filter_map(common).sum()
     }
 
     fn merge(&mut self, one: u32, other: u32) {
@@ -171,36 +179,26 @@ impl Merging {
                 Err(place) => ids.insert(place, (id, pixels)),
             }
         }
+        self.pixels[kept as usize] += self.pixels[gone as usize];
         self.versions[kept as usize] += 1;
         self.versions[gone as usize] += 1;
         self.propose(kept);
     }
 
-    fn into_objects(mut self) -> Objects {
-        let mut objects = Objects { of_patches: vec![0; self.parents.len()], pixels_of_ids: Vec::new() };
+    fn into_objects(mut self) -> Vec<u32> {
+        let (mut of_patches, mut objects) = (vec![0; self.parents.len()], 0);
         for patch in 0..self.parents.len() {
             // The root of a part is its first patch.
             let root = self.root(patch as u32) as usize;
             if root == patch {
-                objects.of_patches[patch] = objects.pixels_of_ids.len() as u32;
-                objects.pixels_of_ids.push(std::mem::take(&mut self.pixels_of_ids[patch]));
+                of_patches[patch] = objects;
+                objects += 1;
             } else {
-                objects.of_patches[patch] = objects.of_patches[root];
+                of_patches[patch] = of_patches[root];
             }
         }
-        objects
+        of_patches
     }
-}
-
-/// How much of two parts frames gave the same ids: 1 if both have the same shares of ids, 0 if they have none in common.
-fn agreement(one: &[(SegmentId, u64)], other: &[(SegmentId, u64)]) -> f64 {
-    let sum = |ids: &[(SegmentId, u64)]| ids.iter().map(|(_, pixels)| pixels).sum::<u64>() as f64;
-    let sums = (sum(one), sum(other));
-    let common = |(id, pixels): &(SegmentId, u64)| {
-        let place = other.binary_search_by_key(id, |(id, _)| *id).ok()?;
-        Some((*pixels as f64 / sums.0).min(other[place].1 as f64 / sums.1))
-    };
-    one.iter().filter_map(common).sum()
 }
 
 #[cfg(test)]
@@ -210,7 +208,11 @@ mod tests {
 
     /// Patches that frames gave these ids, with one pixel each.
     fn patches(ids: &[&[SegmentId]]) -> Vec<Patch> {
-        let patch = |ids: &&[SegmentId]| Patch { gaussians: 1, pixels_of_ids: ids.iter().map(|id| (*id, 1)).collect() };
+        let patch = |ids: &&[SegmentId]| Patch {
+            gaussians: 1,
+            pixels_of_ids: ids.iter().map(|id| (*id, 1)).collect(),
+            ..Patch::default()
+        };
         ids.iter().map(patch).collect()
     }
 
@@ -220,7 +222,7 @@ mod tests {
     }
 
     fn objects(patches: &[Patch], pairs: &[(u64, PairEvidence)]) -> Vec<u32> {
-        partition(patches, pairs).of_patches
+        partition(patches, pairs)
     }
 
     #[test]
@@ -247,9 +249,15 @@ mod tests {
 
     #[test]
     fn the_shares_of_ids_agree_in_any_amount() {
-        assert_eq!(agreement(&[(1, 10), (2, 30)], &[(1, 1), (2, 3)]), 1.0);
-        assert_eq!(agreement(&[(1, 1), (2, 1)], &[(2, 7)]), 0.5);
-        assert_eq!(agreement(&[(1, 1)], &[(2, 1)]), 0.0);
-        assert_eq!(agreement(&[], &[(2, 1)]), 0.0);
+        let agreement = |ids: [&[(SegmentId, u32)]; 2]| {
+            let patches = ids.map(|ids| Patch { pixels_of_ids: ids.to_vec(), ..Patch::default() });
+            let merging = Merging::new(&patches, &[]);
+            assert_eq!(merging.agreement(0, 1), merging.agreement(1, 0));
+            merging.agreement(0, 1)
+        };
+        assert_eq!(agreement([&[(1, 10), (2, 30)], &[(1, 1), (2, 3)]]), 1.0);
+        assert_eq!(agreement([&[(1, 1), (2, 1)], &[(2, 7)]]), 0.5);
+        assert_eq!(agreement([&[(1, 1)], &[(2, 1)]]), 0.0);
+        assert_eq!(agreement([&[], &[(2, 1)]]), 0.0);
     }
 }

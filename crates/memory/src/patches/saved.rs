@@ -3,6 +3,7 @@
 //! | Array | Type | |
 //! |---|---|---|
 //! | `of_gaussians` | `u32 [n]` | patch of each Gaussian, 4294967295 for none; without it, none has one |
+//! | `frames` | `u32 [n]` | frames in which each patch was seen; without it, none |
 //! | `ids` | `u32 [n, 3]` | patch, id, pixels of all frames that were predicted as that id there |
 //! | `pairs` | `u32 [n, 3]` | the patches of a pair, the smaller one first, and the number of pairs of pixels |
 //! | `sums` | `i32 [n]` | sum of the log-odds of each of `pairs`, units of 1/16 |
@@ -15,6 +16,7 @@ use splatseg_geometry::SegmentId;
 const MAX_BYTES: usize = 200 << 20;
 
 const OF_GAUSSIANS: &str = "of_gaussians";
+const FRAMES: &str = "frames";
 const IDS: &str = "ids";
 const PAIRS: &str = "pairs";
 const SUMS: &str = "sums";
@@ -23,6 +25,7 @@ const SUMS: &str = "sums";
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct SavedPatches {
     pub(super) of_gaussians: Vec<u32>,
+    pub(super) frames: Vec<u32>,
     pub(super) ids: Vec<[u32; 3]>,
     pub(super) pairs: Vec<[u32; 3]>,
     pub(super) sums: Vec<i32>,
@@ -32,11 +35,12 @@ impl SavedPatches {
     /// Returns the arrays for a file; none without patches, or if they are too large.
     pub fn into_block(self) -> StateBlock {
         let mut block = StateBlock::default();
-        let numbers = self.of_gaussians.len() + 3 * self.ids.len() + 4 * self.pairs.len();
+        let numbers = self.of_gaussians.len() + self.frames.len() + 3 * self.ids.len() + 4 * self.pairs.len();
         if 4 * numbers > MAX_BYTES {
             tracing::warn!("the evidence about objects has {} MB: the map is saved without it", (4 * numbers) >> 20);
         } else if self.of_gaussians.iter().any(|patch| *patch != NO_PATCH) {
             block.put(OF_GAUSSIANS, &[], self.of_gaussians);
+            block.put(FRAMES, &[], self.frames);
             block.put(IDS, &[3], self.ids.into_iter().flatten());
             block.put(PAIRS, &[3], self.pairs.into_iter().flatten());
             block.put(SUMS, &[], self.sums);
@@ -52,6 +56,7 @@ impl SavedPatches {
         let pairs = block.get_tuples(PAIRS)?;
         Ok(Self {
             of_gaussians: block.get(OF_GAUSSIANS, &[])?,
+            frames: block.get(FRAMES, &[])?,
             ids: block.get_tuples(IDS)?,
             sums: block.get_rows(SUMS, pairs.len(), &[])?,
             pairs,
@@ -62,13 +67,14 @@ impl SavedPatches {
 impl PatchGraph {
     /// Returns the state to be saved.
     pub fn saved(&self) -> SavedPatches {
-        let pairs = self.sorted_pairs();
+        let pairs = self.sorted_pairs(|_| true);
         let ids = |(number, patch): (usize, &Patch)| {
             let number = number as u32;
             patch.pixels_of_ids.iter().map(move |(id, pixels)| [number, *id, *pixels]).collect::<Vec<_>>()
         };
         SavedPatches {
             of_gaussians: self.of_gaussians.clone(),
+            frames: self.patches.iter().map(|patch| patch.frames).collect(),
             ids: self.patches.iter().enumerate().flat_map(ids).collect(),
             sums: pairs.iter().map(|(_, evidence)| evidence.sum).collect(),
             pairs: pairs.into_iter().map(|(key, evidence)| pair(key, evidence.count)).collect(),
@@ -96,6 +102,12 @@ impl PatchGraph {
         known.for_each(|patch| graph.patches[*patch as usize].gaussians += 1);
         let is_used =
             |patches: &[Patch], patch: u32| patches.get(patch as usize).is_some_and(|patch| patch.gaussians > 0);
+        // A patch at the end may have lost its Gaussians.
+        if saved.frames.len() < count && !saved.frames.is_empty() {
+            return Err(format!("the frames of {} patches, expected {count}", saved.frames.len()));
+        }
+        let with_gaussians = graph.patches.iter_mut().zip(saved.frames).filter(|(patch, _)| patch.gaussians > 0);
+        with_gaussians.for_each(|(patch, frames)| patch.frames = frames);
         for [number, id, pixels] in saved.ids {
             if !is_used(&graph.patches, number) || id == 0 || id > highest {
                 return Err(format!("the patch {number} was predicted as {id}: one of them does not exist"));

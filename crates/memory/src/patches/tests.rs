@@ -22,8 +22,11 @@ fn graph(patches: u32) -> PatchGraph {
     graph
 }
 
-fn settled(graph: &PatchGraph) -> Vec<Option<SegmentId>> {
-    graph.settled(|part_of| Ok::<_, ()>(100 + part_of)).unwrap()
+/// The id of the verdict on each Gaussian.
+fn decided(graph: &PatchGraph) -> Vec<SegmentId> {
+    let mut graph = graph.clone();
+    graph.decide(Scope::All);
+    graph.verdicts().into_iter().map(|verdict| verdict.id).collect()
 }
 
 #[test]
@@ -31,27 +34,52 @@ fn an_object_keeps_the_id_that_most_frames_gave_it() {
     let mut graph = graph(3);
     graph.pairs.clear();
     graph.patches[1].count(1, 300);
-    assert_eq!(
-        settled(&graph)[1..5],
-        [None, Some(1), Some(1), Some(3)],
-        "the second has more of 1, the first is a scrap"
-    );
-    graph.patches[0].count(1, 250);
-    assert_eq!(settled(&graph)[1..5], [Some(101), Some(1), Some(1), Some(3)], "the first is an object");
+    assert_eq!(decided(&graph), [0, 0, 1, 1, 3, 3, 0], "the second has more of 1");
+    graph.patches[1].count(2, 900);
+    assert_eq!(decided(&graph), [1, 1, 2, 2, 3, 3, 0]);
     graph.patches[2].pixels_of_ids.clear();
-    assert_eq!(settled(&graph)[3..6], [Some(1), None, None], "no frame gave the third one an id");
+    assert_eq!(decided(&graph), [1, 1, 2, 2, 0, 0, 0], "no frame gave the third one an id");
+}
+
+#[test]
+fn eight_frames_count_as_one_vote() {
+    let mut graph = graph(2);
+    assert!(graph.verdicts().is_empty(), "nothing was decided");
+    (graph.patches[0].frames, graph.patches[1].frames) = (8, 20);
+    graph.decide(Scope::All);
+    let votes: Vec<f32> = graph.verdicts().iter().map(|verdict| verdict.votes).collect();
+    assert_eq!(votes, [1.0, 1.0, 2.5, 2.5, 0.0]);
+    graph.forget_verdicts();
+    assert!(graph.verdicts().is_empty());
+}
+
+#[test]
+fn only_what_was_seen_lately_is_decided_again() {
+    let mut graph = graph(4);
+    graph.learnt = 9;
+    (0..4).for_each(|patch| graph.patches[patch].last_seen = [2, 3, 8, 9][patch]);
+    graph.pairs.clear();
+    graph.decide(Scope::All);
+    for (one, other) in [(0, 1), (1, 2), (2, 3)] {
+        graph.pairs.insert(pair_key(one, other), PairEvidence { sum: 3 * UNIT, count: 3 });
+    }
+    graph.decide(Scope::Frames(2));
+    let ids: Vec<SegmentId> = graph.patches.iter().map(|patch| patch.object).collect();
+    assert_eq!(ids, [1, 2, 3, 3]);
+    graph.decide(Scope::Frames(7));
+    let ids: Vec<SegmentId> = graph.patches.iter().map(|patch| patch.object).collect();
+    assert_eq!(ids, [1, 3, 3, 3], "most of it had 3");
 }
 
 #[test]
 fn evidence_goes_with_the_last_gaussian_and_its_number_is_used_again() {
     let mut graph = graph(3);
-    let one = Some(1);
-    assert_eq!(settled(&graph), [one, one, one, one, one, one, None], "the first of the ids with most pixels");
+    assert_eq!(decided(&graph), [1, 1, 1, 1, 1, 1, 0], "the first of the ids with most pixels");
     graph.retain(&[true, true, false, true, true, true, true]);
-    assert_eq!(settled(&graph), [one, one, one, one, one, None]);
+    assert_eq!(decided(&graph), [1, 1, 1, 1, 1, 0]);
     graph.retain(&[true, true, false, true, true, true]);
     assert_eq!(graph.pairs.len(), 0, "both pairs were with the middle patch");
-    assert_eq!(settled(&graph), [one, one, Some(3), Some(3), None]);
+    assert_eq!(decided(&graph), [1, 1, 3, 3, 0]);
     assert_eq!(graph.new_patch(), 1);
     assert_eq!(graph.patches[1], Patch::default(), "nothing is known about the new patch");
     assert_eq!(graph.new_patch(), 3);
@@ -64,7 +92,7 @@ fn gaussians_that_show_another_thing_leave_their_patch() {
     assert_eq!(graph.of_gaussians, [0, 0, NO_PATCH, NO_PATCH, NO_PATCH, 2, NO_PATCH]);
     assert_eq!(graph.pairs.len(), 0, "the middle patch has no Gaussians");
     graph.forget([5, 6].into_iter());
-    assert_eq!(settled(&graph), [Some(1), Some(1), None, None, None, None, None]);
+    assert_eq!(decided(&graph), [1, 1, 0, 0, 0, 0, 0]);
     assert_eq!(graph.new_patch(), 1);
 }
 
@@ -107,6 +135,7 @@ fn saved_patches_are_restored() {
         PatchGraph::restored(saved, gaussians, 9)
     };
     let mut graph = graph(3);
+    graph.patches[2].frames = 5;
     graph.retain(&[true, true, false, false, true, true, true]);
     assert_eq!(restored(graph.saved(), 5), Ok(graph.clone()));
     let mut unknown = PatchGraph::default();
@@ -129,5 +158,6 @@ fn saved_patches_are_restored() {
     assert_eq!(message, "impossible evidence about the patches 0 and 1: 3 pairs, sum -2147483648");
     let message = error(|saved| saved.pairs[1] = [0, 1, 1]);
     assert_eq!(message, "impossible evidence about the patches 0 and 1: 1 pairs, sum 48");
+    assert_eq!(error(|saved| saved.frames.truncate(2)), "the frames of 2 patches, expected 3");
     assert_eq!(error(|saved| saved.sums.truncate(1)), "sums: found [1], expected 2 rows");
 }

@@ -161,12 +161,3 @@ fn impossible_saved_ids_are_refused() {
         assert!(refused(wrong), "{wrong:?}");
     }
 }
-
-#[test]
-fn a_part_of_an_object_is_as_certain_as_the_object() {
-    let mut segments = segments();
-    let known = confirm(&mut segments);
-    let [part, new] = [(); 2].map(|()| segments.add());
-    segments.copy_sightings(known, part);
-    assert!(!segments.is_tentative(part) && segments.is_tentative(new));
-}

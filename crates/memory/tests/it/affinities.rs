@@ -87,9 +87,9 @@ fn a_few_wrong_frames_change_nothing_for_good() {
     // Wrong, and unsure.
     see(&mut memory, Pose::IDENTITY, (1, 1), -0.25, 6);
     assert_eq!(shown(&memory), (1, 1), "votes fade");
-    assert!(memory.settle().unwrap());
+    assert!(memory.settle());
     assert_eq!(shown(&memory), (1, 2));
-    assert!(memory.settle().unwrap(), "again");
+    assert!(memory.settle(), "again");
     assert_eq!(shown(&memory), (1, 2));
     assert_eq!(memory.segment_count(), 3);
 }
@@ -101,15 +101,46 @@ fn one_object_under_two_ids_becomes_one_and_two_under_one_become_two() {
     see(&mut memory, Pose::IDENTITY, (3, 1), 6.0, 1);
     see(&mut memory, Pose::IDENTITY, (3, 3), 6.0, 8);
     assert_eq!(shown(&memory), (3, 3));
-    memory.settle().unwrap();
+    memory.settle();
+    assert_eq!(shown(&memory), (3, 3), "the evidence of nine frames counts less than four votes");
+    see(&mut memory, Pose::IDENTITY, (3, 3), 6.0, 30);
+    memory.settle();
     assert_eq!(shown(&memory), (3, 1), "the left half has more of 3");
 
     let mut memory = self::memory();
     let right = Pose::from_translation(DVec3::new(0.6, 0.0, 0.0));
     see(&mut memory, Pose::IDENTITY, (1, 2), 4.0, 6);
     see(&mut memory, right, (1, 3), 4.0, 3);
-    memory.settle().unwrap();
+    memory.settle();
     assert_eq!(shown(&memory), (1, 2), "3 was given to less of it");
+}
+
+#[test]
+fn what_is_decided_between_frames_is_shown_and_changes_no_votes() {
+    let mut memory = memory();
+    see(&mut memory, Pose::IDENTITY, (1, 2), 4.0, 12);
+    see(&mut memory, Pose::IDENTITY, (1, 1), -0.25, 6);
+    let expected = |memory: &SplatMemory| memory.recall(&frame(Pose::IDENTITY)).expected().clone();
+    let before = expected(&memory);
+    memory.decide_objects(18);
+    assert_eq!(shown(&memory), (1, 2));
+    assert!(memory.map().segment_ids().contains(&2), "the map shows it, too");
+    assert_eq!(expected(&memory), before);
+    memory.keep_verdicts();
+    assert_eq!(shown(&memory), (1, 2));
+    assert_ne!(expected(&memory), before);
+}
+
+#[test]
+fn objects_keep_the_ids_that_were_decided() {
+    let mut memory = memory();
+    see(&mut memory, Pose::IDENTITY, (1, 2), 4.0, 12);
+    memory.decide_objects(12);
+    see(&mut memory, Pose::IDENTITY, (1, 3), 4.0, 20);
+    memory.decide_objects(20);
+    assert_eq!(shown(&memory), (1, 2), "3 is what most frames gave it by now");
+    memory.settle();
+    assert_eq!(shown(&memory), (1, 3));
 }
 
 #[test]
@@ -119,11 +150,11 @@ fn without_affinities_nothing_is_decided() {
     for _ in 0..3 {
         memory.update(memory.recall(&frame), &halves(1, 2, &Pose::IDENTITY), &BTreeSet::new()).unwrap();
     }
-    assert!(!memory.settle().unwrap());
+    assert!(!memory.settle());
     assert_eq!(shown(&memory), (1, 2));
     // Gaussians of those frames keep their ids when later frames have affinities.
     see(&mut memory, Pose::from_translation(DVec3::new(1.0, 0.0, 0.0)), (1, 3), 4.0, 1);
-    assert!(memory.settle().unwrap());
+    assert!(memory.settle());
     assert_eq!(shown(&memory), (1, 2));
 }
 
@@ -138,7 +169,7 @@ fn evidence_is_saved_with_the_map() {
     let mut loaded = SplatMemory::load(&path, MemorySettings::default()).unwrap();
     for memory in [&mut memory, &mut loaded] {
         see(memory, Pose::IDENTITY, (1, 1), -0.25, 1);
-        memory.settle().unwrap();
+        memory.settle();
         assert_eq!(shown(memory), (1, 2));
     }
     let again = folder.path().join("again.ply");
@@ -162,7 +193,7 @@ fn evidence_follows_a_loop() {
     memory.set_anchor(&anchor(20));
     see(&mut memory, drift, (3, 3), 4.0, 6);
     memory.correct(&MapCorrection { new_from_old: [(20, drift.inverse())].into(), joined: vec![(0, 20)] });
-    memory.settle().unwrap();
+    memory.settle();
     let (left, right) = shown(&memory);
     assert_ne!(left, right, "both passes saw two things");
 }

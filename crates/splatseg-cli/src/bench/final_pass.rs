@@ -54,7 +54,7 @@ impl EarlierFrames {
             error.to_string()
         }
         let started = Instant::now();
-        pipeline.settle().map_err(text)?;
+        pipeline.settle();
         let Some(hindsight) = pipeline.hindsight() else { return Ok(None) };
         let corrections = self.history.pose_corrections(&pipeline.keyframes());
         let scorer = |protocol| VideoScorer::new(ScoreSettings { protocol, ..inputs.score });

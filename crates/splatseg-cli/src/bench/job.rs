@@ -2,6 +2,7 @@
 
 use super::final_pass::EarlierFrames;
 use super::input_files::InputFile;
+use super::late_results::LateResults;
 use super::machine;
 use super::mesh_files::MeshFiles;
 use super::pictures::{StripFrames, jpeg_data_uri};
@@ -69,6 +70,8 @@ pub struct JobResult {
     pub strict: VideoScore,
     /// Scores of the frames as the map of the end decides them; `None` with `online`, and if the method cannot.
     pub final_pass: Option<FinalScores>,
+    /// Scores of the frames as they are decided `late_frames` later; `None` with 0, and if the method cannot.
+    pub late: Option<FinalScores>,
     /// The processor or GPU that it was measured on.
     pub machine: String,
     /// Score of 3D instances on the vertices of the scene's mesh, if the scene has a mesh and the method a memory.
@@ -79,14 +82,14 @@ pub struct JobResult {
     pub strip: Vec<Thumbnail>,
 }
 
-/// Scores after the final pass. The other scores are those of the time.
+/// Scores of frames that were decided again: after the final pass, or some frames later.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FinalScores {
     /// Score in the protocol `paper`.
     pub paper: VideoScore,
     /// Score in the protocol `strict`.
     pub strict: VideoScore,
-    /// Time of the pass without scoring, seconds.
+    /// Time of that without scoring, seconds.
     pub seconds: f64,
 }
 
@@ -121,7 +124,11 @@ impl JobResult {
         let scores = self.paper.scores();
         let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
         let (vsq, stq) = (number(scores.vsq), number(scores.stq));
-        format!("VSQ {vsq}, STQ {stq} (protocol paper), {:.2} frames per second", self.fps.total)
+        let late = self.late.as_ref().map_or_else(String::new, |late| {
+            let (frames, scores) = (self.inputs.settings.run.late_frames, late.paper.scores());
+            format!("; {frames} frames later VSQ {}, STQ {}", number(scores.vsq), number(scores.stq))
+        });
+        format!("VSQ {vsq}, STQ {stq} (protocol paper), {:.2} frames per second{late}", self.fps.total)
     }
 }
 
@@ -139,6 +146,8 @@ pub fn run(path: &Path, inputs: &JobInputs) -> Result<JobResult, String> {
     let mut recorder = Recorder::new(inputs, stream.len());
     let has_final_pass = !settings.run.online && pipeline.hindsight().is_some();
     let mut earlier = has_final_pass.then(EarlierFrames::default);
+    let is_late = settings.run.late_frames > 0 && pipeline.hindsight().is_some();
+    let mut late = is_late.then(|| LateResults::new(inputs));
     let mut frames = pipeline.run(stream);
     let mut time = Duration::ZERO;
     for position in 0.. {
@@ -165,15 +174,19 @@ pub fn run(path: &Path, inputs: &JobInputs) -> Result<JobResult, String> {
         if let Some(frames) = &mut earlier {
             frames.add(frame.index, &result).map_err(|error| text(&error))?;
         }
+        if let Some(late) = &mut late {
+            late.add(frame.frame, result, frame.ground_truth, frames.pipeline_mut())?;
+        }
     }
     let mut doubts = pipeline.finish();
     doubts.retain(|doubt| doubt.kind.is_contradiction());
     tell(&doubts, inputs)?;
+    let late = late.map(|late| late.finish(&mut pipeline)).transpose()?;
     let again = |frames: EarlierFrames| frames.decide_again(&scene, inputs, &mut pipeline);
     let final_pass = earlier.map(again).transpose()?.flatten();
     let mesh = inputs.mesh.as_ref().zip(pipeline.map());
     let mesh = mesh.map(|(mesh, map)| mesh.score(&map)).transpose()?;
-    Ok(JobResult { mesh, final_pass, ..recorder.finish(inputs, pipeline.map(), time)? })
+    Ok(JobResult { mesh, final_pass, late, ..recorder.finish(inputs, pipeline.map(), time)? })
 }
 
 /// Warns about input that contradicts itself, which is an error with `strict_input`.
@@ -362,6 +375,7 @@ impl Recorder {
             strict: self.strict.finish(),
             machine: machine::name(&inputs.settings),
             final_pass: None,
+            late: None,
             mesh: None,
             series: self.series,
             strip: self.strip,

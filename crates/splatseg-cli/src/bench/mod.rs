@@ -12,6 +12,7 @@ mod final_pass;
 mod full_scale;
 mod input_files;
 mod job;
+mod late_results;
 mod machine;
 mod mesh_files;
 mod paper;

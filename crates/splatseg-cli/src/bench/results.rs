@@ -2,7 +2,7 @@
 
 use super::Outcome;
 use super::drawings::drawings;
-use super::job::JobResult;
+use super::job::{FinalScores, JobResult};
 use super::plan::{Plan, ResultEntry};
 use crate::Failure;
 use serde::{Serialize, Serializer};
@@ -52,6 +52,8 @@ struct Row<'a> {
     /// The scores after the final pass, in which the map of the end decides the ids of all frames again; null without
     /// it. All other scores are those of the time.
     final_pass: Option<FinalRow>,
+    /// The scores of the frames as they are decided `late_frames` later; null with 0.
+    late: Option<FinalRow>,
     /// 3D instances on the vertices of the scene's mesh; null without a mesh or a memory.
     mesh: Option<InstanceScores>,
     /// The processor, and the GPU if used.
@@ -180,6 +182,11 @@ impl<'a> Results<'a> {
             Protocol::Paper => Protocol::Strict,
             Protocol::Strict => Protocol::Paper,
         };
+        let again = |found: &FinalScores| FinalRow {
+            scores: found.score(plan.protocol).scores(),
+            other_protocol: BTreeMap::from([(other.name(), found.score(other).scores())]),
+            seconds: found.seconds,
+        };
         Row {
             scene: &plan.scenes[entry.scene].name,
             scene_path: &plan.scenes[entry.scene].path_text,
@@ -190,11 +197,8 @@ impl<'a> Results<'a> {
             protocol: plan.protocol.name(),
             scores: result.score(plan.protocol).scores(),
             other_protocol: BTreeMap::from([(other.name(), result.score(other).scores())]),
-            final_pass: result.final_pass.as_ref().map(|found| FinalRow {
-                scores: found.score(plan.protocol).scores(),
-                other_protocol: BTreeMap::from([(other.name(), found.score(other).scores())]),
-                seconds: found.seconds,
-            }),
+            final_pass: result.final_pass.as_ref().map(again),
+            late: result.late.as_ref().map(again),
             mesh: result.mesh.as_ref().map(|scorer| scorer.scores()),
             machine: &result.machine,
             fps: result.fps,

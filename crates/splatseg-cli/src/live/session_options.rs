@@ -24,6 +24,10 @@ pub struct SessionOptions {
     /// Seconds between two saves of the map
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     pub save_interval: f64,
+    /// Publish results this many seconds late, decided again with what has been seen since. Poses, objects and map are not
+    /// late
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    pub lag: f64,
     /// Record what is used of the stream; `live FILE.mcap --every-frame` then gives the same map
     #[arg(long, value_name = "FILE.mcap")]
     pub record: Option<PathBuf>,
@@ -65,6 +69,7 @@ impl SessionOptions {
             ));
         }
         in_range("--save-interval", self.save_interval, 0.1..=86_400.0)?;
+        in_range("--lag", self.lag, 0.0..=10.0)?;
         if let Some(map) = &self.map {
             if settings.method.memory().is_none() {
                 let method = settings.method.name().name();
@@ -132,6 +137,7 @@ impl SessionOptions {
         let options = LiveOptions {
             saved_map: self.map.clone().map(SavedMap::new),
             save_interval: Duration::from_secs_f64(self.save_interval),
+            lag: Duration::from_secs_f64(self.lag),
             ..LiveOptions::default()
         };
         if let Some(address) = self.view {

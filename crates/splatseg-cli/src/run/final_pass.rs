@@ -99,9 +99,7 @@ impl FinalPass<'_> {
         decided: &mut Decided,
     ) -> Result<Option<EarlyEnd>, OutputError> {
         let unreadable = |source| OutputError::Read { path: path.to_owned(), source };
-        pipeline
-            .settle()
-            .map_err(|source| OutputError::Io { path: path.to_owned(), source: io::Error::other(source) })?;
+        pipeline.settle();
         let Some(hindsight) = pipeline.hindsight() else { return Ok(None) };
         let corrections = history.pose_corrections(&pipeline.keyframes());
         let mut lines = shown_frames::read(path).map_err(unreadable)?;

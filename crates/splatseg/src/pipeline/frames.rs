@@ -48,6 +48,11 @@ impl Pipeline {
 }
 
 impl<S: FrameSource> Frames<'_, S> {
+    /// The pipeline after the latest frame.
+    pub fn pipeline_mut(&mut self) -> &mut Pipeline {
+        self.pipeline
+    }
+
     /// The map after the latest frame, if the method has one.
     pub fn latest_map(&self) -> Option<MapView<'_>> {
         self.pipeline.map()

@@ -77,6 +77,9 @@ settings! {
         /// Leaves out the final pass, in which the map of the end decides the ids of all frames again. Results are then
         /// what was known at the time of each frame. The paper has no such pass.
         online: bool = false, Allowed::Switch;
+        /// `bench` also scores results that are decided again when this many more frames have been seen, as `live --lag` shows
+        /// them; 0: it does not.
+        late_frames: usize = 0, Allowed::between(0.0, 1e4);
         /// Seed of all random numbers.
         seed: u64 = 0, Allowed::between(0.0, Allowed::MAX_WHOLE as f64);
         /// Ends the run at the first frame that cannot be used, instead of skipping it, and when the frames contradict

@@ -346,8 +346,16 @@ impl Method for FastSamSplat {
     }
 
     /// Memories of features forget in every frame that does not confirm them: at the end they know less than before.
-    fn settle(&mut self) -> Result<bool, TrackingError> {
-        Ok(self.memory.settle()?)
+    fn settle(&mut self) -> bool {
+        self.memory.settle()
+    }
+
+    fn decide_objects(&mut self, frames: u32) {
+        self.memory.decide_objects(frames);
+    }
+
+    fn keep_verdicts(&mut self) {
+        self.memory.keep_verdicts();
     }
 
     fn hindsight(&self) -> Option<&dyn Hindsight> {

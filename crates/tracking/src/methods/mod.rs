@@ -71,12 +71,16 @@ pub trait Method: Send {
 
     /// Decides from all frames so far which parts of the map are one object; see [`SplatMemory::settle`]. Returns false if
     /// the method or the segmenter has no evidence for that: then nothing changes.
-    ///
-    /// # Errors
-    /// If the memory fails.
-    fn settle(&mut self) -> Result<bool, TrackingError> {
-        Ok(false)
+    fn settle(&mut self) -> bool {
+        false
     }
+
+    /// Decides the same about what the last `frames` frames have seen, for [`Self::hindsight`] and [`Self::map`] alone; see
+    /// [`SplatMemory::decide_objects`]. Frames are processed as if this had not been called.
+    fn decide_objects(&mut self, _frames: u32) {}
+
+    /// Counts what was decided for good; see [`SplatMemory::keep_verdicts`].
+    fn keep_verdicts(&mut self) {}
 
     /// The map, if the method has one.
     fn map(&self) -> Option<MapView<'_>> {

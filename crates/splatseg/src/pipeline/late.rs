@@ -1,0 +1,98 @@
+//! Results a while later: frames wait, and are decided again with what the frames after them have shown.
+
+use super::stages::in_thread_pool;
+use super::{FrameResult, Pipeline, PipelineError};
+use splatseg_geometry::{FrameAnchor, Pose, RgbdFrame, SegmentId};
+use splatseg_objects::ObjectLog;
+use splatseg_odometry::PoseState;
+use splatseg_tracking::{FrameOutput, ShownFrame};
+use std::collections::{BTreeMap, VecDeque};
+
+/// Frames with their results, which wait to be decided again. Each has a `T`, whatever belongs to it.
+///
+/// What the objects are is decided once in the time that a frame waits, from the evidence of all frames, about what the
+/// waiting ones have seen ([`SplatMemory::decide_objects`](splatseg_memory::SplatMemory::decide_objects)). This does not change
+/// the results of later frames. Memory grows with the waiting frames: 16 bytes per pixel of each.
+#[derive(Debug)]
+pub struct WaitingFrames<T> {
+    frames: VecDeque<LateFrame<T>>,
+    /// Frames added since it was last decided what the objects are.
+    added: usize,
+    /// The objects of the frames that were decided again.
+    objects: ObjectLog,
+}
+
+/// A frame whose result is decided again.
+#[derive(Debug)]
+pub struct LateFrame<T> {
+    /// The frame, with its pose as it is known now.
+    pub frame: RgbdFrame<'static>,
+    /// Its result of the time, with what it shows as far as is known now: `output`, `objects` and the pose are new.
+    pub result: FrameResult,
+    /// What belongs to it.
+    pub belongings: T,
+}
+
+impl<T> Default for WaitingFrames<T> {
+    fn default() -> Self {
+        Self { frames: VecDeque::new(), added: 0, objects: ObjectLog::default() }
+    }
+}
+
+impl<T> WaitingFrames<T> {
+    /// Adds the next frame and its result.
+    pub fn add(&mut self, frame: RgbdFrame<'static>, result: FrameResult, belongings: T) {
+        if !result.remapped.is_empty() {
+            let names: BTreeMap<SegmentId, SegmentId> =
+                result.remapped.iter().map(|remapped| (remapped.from, remapped.into)).collect();
+            for waiting in &mut self.frames {
+                let shown = waiting.result.output.segments.pixels_mut();
+                shown.iter_mut().for_each(|id| *id = names.get(id).copied().unwrap_or(*id));
+            }
+        }
+        self.frames.push_back(LateFrame { frame, result, belongings });
+        self.added += 1;
+    }
+
+    /// Decides the first of the frames again if `is_due` returns true for what belongs to it and the number of frames after
+    /// it; to be called until it returns `None`. Frames whose pose is unknown show what they showed.
+    ///
+    /// # Errors
+    /// If the method fails.
+    pub fn next_due(
+        &mut self,
+        pipeline: &mut Pipeline,
+        is_due: impl FnOnce(&T, usize) -> bool,
+    ) -> Result<Option<LateFrame<T>>, PipelineError> {
+        let waiting = self.frames.len();
+        let after = waiting.saturating_sub(1);
+        let Some(first) = self.frames.pop_front_if(|first| is_due(&first.belongings, after)) else { return Ok(None) };
+        if self.added >= waiting {
+            pipeline.decide_objects(u32::try_from(waiting).unwrap_or(u32::MAX));
+            self.added = 0;
+        }
+        let LateFrame { frame, mut result, belongings } = first;
+        let pose = *frame.world_from_camera();
+        let pose = correction(&result.anchor, pipeline).map_or(pose, |correction| correction * pose);
+        let frame = frame.into_camera_frame().at(pose);
+        let shown = ShownFrame { segments: result.output.segments, regions: result.regions.take() };
+        let output = match pipeline.hindsight() {
+            Some(hindsight) if result.pose.state != PoseState::Lost => {
+                let decided = in_thread_pool(|| hindsight.look_again(&frame, &shown));
+                let failed =
+                    |source| PipelineError::Method { frame: frame.name().to_owned(), source: Box::new(source) };
+                FrameOutput { update: result.output.update, ..decided.map_err(failed)? }
+            }
+            _ => FrameOutput { segments: shown.segments, ..result.output },
+        };
+        result.objects = self.objects.record(&output);
+        result.pose.world_from_camera = pose;
+        Ok(Some(LateFrame { frame, result: FrameResult { output, regions: shown.regions, ..result }, belongings }))
+    }
+}
+
+/// New world coordinates from those of the time, if the keyframe of a frame has moved since.
+fn correction(anchor: &FrameAnchor, pipeline: &Pipeline) -> Option<Pose> {
+    let now = pipeline.keyframes().get(&anchor.keyframe)?.world_from_keyframe;
+    (now != anchor.world_from_keyframe).then(|| now * anchor.world_from_keyframe.inverse())
+}

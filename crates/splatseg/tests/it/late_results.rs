@@ -1,0 +1,59 @@
+//! Frames that wait, and are decided again with what the frames after them have shown.
+
+use splatseg::dataset::Scene;
+use splatseg::pipeline::{LateFrame, WaitingFrames};
+use splatseg::tracking::ShownFrame;
+use splatseg::{Pipeline, SegmentMap, Settings};
+use splatseg_test_scenes::room;
+
+const FRAMES: usize = 9;
+
+/// What the frames of a room show at the time, and as they are decided `lag` frames later.
+fn results(lag: Option<usize>) -> (Vec<SegmentMap>, Vec<SegmentMap>) {
+    let scene = room(&format!("synthetic:frames={FRAMES},width=128,height=96,noise=kinect"));
+    let mut pipeline = Pipeline::builder(&Settings::default()).build().unwrap();
+    let (mut waiting, mut shown, mut late) = (WaitingFrames::default(), Vec::new(), Vec::new());
+    for index in 0..FRAMES {
+        let frame = scene.read_frame(index).unwrap();
+        let result = pipeline.step(&frame).unwrap();
+        shown.push(result.output.segments.clone());
+        let Some(lag) = lag else { continue };
+        waiting.add(frame, result, index);
+        while let Some(LateFrame { result, belongings, .. }) =
+            waiting.next_due(&mut pipeline, |_, after| after >= lag).unwrap()
+        {
+            assert_eq!([belongings, index], [late.len(), late.len() + lag], "each in its turn");
+            assert_eq!(result.objects.len(), result.output.segments.areas().keys().filter(|id| **id != 0).count());
+            late.push(result.output.segments);
+        }
+    }
+    while let Some(frame) = waiting.next_due(&mut pipeline, |_, _| true).unwrap() {
+        late.push(frame.result.output.segments);
+    }
+    (shown, late)
+}
+
+#[test]
+fn frames_are_decided_again_in_their_order_and_change_no_later_ones() {
+    let (at_the_time, _) = results(None);
+    let (shown, late) = results(Some(3));
+    assert_eq!(shown, at_the_time);
+    assert_eq!(late.len(), FRAMES);
+    assert_ne!(late, shown);
+    let (_, again) = results(Some(3));
+    assert_eq!(late, again, "the same every time");
+}
+
+#[test]
+fn waiting_for_all_frames_is_looking_back_from_the_end() {
+    let (_, late) = results(Some(FRAMES));
+    let scene = room(&format!("synthetic:frames={FRAMES},width=128,height=96,noise=kinect"));
+    let mut pipeline = Pipeline::builder(&Settings::default()).build().unwrap();
+    let frames: Vec<_> = (0..FRAMES).map(|index| scene.read_frame(index).unwrap()).collect();
+    let results: Vec<_> = frames.iter().map(|frame| pipeline.step(frame).unwrap()).collect();
+    pipeline.settle();
+    for ((frame, result), late) in frames.iter().zip(results).zip(late) {
+        let shown = ShownFrame { segments: result.output.segments, regions: result.regions };
+        assert_eq!(pipeline.hindsight().unwrap().look_again(frame, &shown).unwrap().segments, late);
+    }
+}
