@@ -75,7 +75,7 @@ impl Outlet for PythonOutlet {
 #[pymethods]
 impl Live {
     #[new]
-    #[pyo3(signature = (settings, map=None, save_interval=30.0, every_frame=false, config=None))]
+    #[pyo3(signature = (settings, map=None, save_interval=30.0, every_frame=false, config=None, lag=0.0))]
     fn new(
         py: Python<'_>,
         settings: &Bound<'_, PyDict>,
@@ -83,6 +83,7 @@ impl Live {
         save_interval: f64,
         every_frame: bool,
         config: Option<PathBuf>,
+        lag: f64,
     ) -> PyResult<Self> {
         let mut all = SettingsLayers::default();
         if let Some(path) = &config {
@@ -94,9 +95,14 @@ impl Live {
             all.add_saved_memory(path).map_err(settings_error)?;
         }
         let settings = resolve(&all)?;
-        let interval = Duration::try_from_secs_f64(save_interval);
-        let save_interval = interval.map_err(|error| value_error(format!("save_interval: {error}")))?;
-        let options = LiveOptions { saved_map: map.map(SavedMap::new), save_interval, ..LiveOptions::default() };
+        let seconds = |name: &str, value: f64| {
+            Duration::try_from_secs_f64(value).map_err(|error| value_error(format!("{name}: {error}")))
+        };
+        let (save_interval, lag) = (seconds("save_interval", save_interval)?, seconds("lag", lag)?);
+        if lag > LiveOptions::MAX_LAG {
+            return Err(value_error(format!("lag: found {} s, expected 0 to 10 s", lag.as_secs_f64())));
+        }
+        let options = LiveOptions { saved_map: map.map(SavedMap::new), save_interval, lag, ..LiveOptions::default() };
         let stream = if every_frame {
             LiveStream::without_drops(&settings.dataset)
         } else {

@@ -35,8 +35,14 @@ pub struct LiveOptions {
     pub saved_map: Option<SavedMap>,
     /// Interval between saves.
     pub save_interval: Duration,
-    /// Results of frames are published this much later, by stamps, decided again with what has been seen since.
+    /// What frames show is published this much later, by stamps, decided again with what has been seen since; at most
+    /// [`Self::MAX_LAG`], as the frames wait in memory.
     pub lag: Duration,
+}
+
+impl LiveOptions {
+    /// The largest lag.
+    pub const MAX_LAG: Duration = Duration::from_secs(10);
 }
 
 impl Default for LiveOptions {
@@ -253,7 +259,7 @@ impl LiveSession {
         place: PublishedFrame,
         result: FrameResult,
     ) -> Result<(), LiveError> {
-        let (lag, stamp) = (self.options.lag, place.stamp);
+        let (lag, stamp) = (self.options.lag.min(LiveOptions::MAX_LAG), place.stamp);
         match frame {
             Some(frame) if !lag.is_zero() => {
                 self.latest_frame = Instant::now();

@@ -31,6 +31,7 @@ class Live:
         save_interval: float = 30.0,
         every_frame: bool = False,
         config: _Path | None = None,
+        lag: float = 0.0,
     ) -> None: ...
     @staticmethod
     def outputs() -> list[tuple[str, str, str, bool]]: ...

@@ -41,6 +41,7 @@ class Live:
 
     The newest frame wins; frames are processed on a thread of their own. ``map`` is loaded if it exists, and saved
     every ``save_interval`` seconds and at the end. With ``every_frame`` no frame is dropped: :meth:`feed` waits.
+    With a ``lag``, ids and overlays come that many seconds later, decided again with what has been seen since.
     ``config`` and all other keywords are settings, as for :class:`Pipeline`.
 
     Raises ``TypeError`` for unknown settings, ``ValueError`` for invalid values and files.
@@ -53,9 +54,10 @@ class Live:
         save_interval: float = 30.0,
         every_frame: bool = False,
         config: str | os.PathLike[str] | None = None,
+        lag: float = 0.0,
         **settings: Any,
     ) -> None:
-        self._live = _splatseg.Live(settings, map, save_interval, every_frame, config)
+        self._live = _splatseg.Live(settings, map, save_interval, every_frame, config, lag)
 
     def feed(self, topic: str, type: str, data: bytes) -> None:
         """Takes in a message in CDR of a type such as ``sensor_msgs/msg/Image``, from any thread.

@@ -47,7 +47,7 @@ class SplatsegNode(Node):
             if name not in RCLPY and not name.startswith("qos_overrides.")
         }
         # Every parameter that is not one of these is a setting.
-        named = {key: given.pop(key) for key in ("map", "save_interval", "config") if key in given}
+        named = {key: given.pop(key) for key in ("map", "save_interval", "config", "lag") if key in given}
         dataset = ("color", "depth", "camera_info", "depth_camera_info", "pose", "world_frame")
         self.live = Live(**named, **{f"dataset.{key}" if key in dataset else key: given[key] for key in given})
         self._inputs: dict[tuple[str, str], tuple[Any, tuple[bool, bool]]] = {}

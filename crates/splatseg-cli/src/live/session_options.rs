@@ -12,6 +12,7 @@ use splatseg_dataset::DatasetSettings;
 use splatseg_live::{LiveError, LiveOptions, LiveSession, LiveStream, Outlet, SavedMap, ViewOutlet, build_with};
 use splatseg_view::{Reach, ViewOptions};
 use std::net::SocketAddr;
+use std::num::ParseFloatError;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -24,9 +25,9 @@ pub struct SessionOptions {
     /// Seconds between two saves of the map
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     pub save_interval: f64,
-    /// Publish results this many seconds late, decided again with what has been seen since. Poses, objects and map are not
-    /// late
-    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    /// Publish what frames show this many seconds late, e.g. 1 or 1s, decided again with what has been seen since. Poses,
+    /// objects and map are not late. The frames wait in memory
+    #[arg(long, value_name = "S", default_value = "0", value_parser = seconds)]
     pub lag: f64,
     /// Record what is used of the stream; `live FILE.mcap --every-frame` then gives the same map
     #[arg(long, value_name = "FILE.mcap")]
@@ -69,7 +70,7 @@ impl SessionOptions {
             ));
         }
         in_range("--save-interval", self.save_interval, 0.1..=86_400.0)?;
-        in_range("--lag", self.lag, 0.0..=10.0)?;
+        in_range("--lag", self.lag, 0.0..=LiveOptions::MAX_LAG.as_secs_f64())?;
         if let Some(map) = &self.map {
             if settings.method.memory().is_none() {
                 let method = settings.method.name().name();
@@ -169,6 +170,11 @@ impl SessionOptions {
             _ => {}
         }
     }
+}
+
+/// Parses a number of seconds, with or without their unit.
+fn seconds(text: &str) -> Result<f64, ParseFloatError> {
+    text.strip_suffix('s').unwrap_or(text).parse()
 }
 
 /// Checks a number.
