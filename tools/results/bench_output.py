@@ -15,15 +15,11 @@ def sections(folder):
     return found
 
 
-FINAL_PASS = ", after the final pass"
-
-
-def scores(folder, where, protocol="paper", stage=""):
-    """The measured rows over all scenes (`where` is None) or of one scene: the cells of each row by column. With `stage`
-    FINAL_PASS, those after the final pass, which are over all scenes only."""
+def scores(folder, where, protocol="paper"):
+    """The measured rows over all scenes (`where` is None) or of one scene: the cells of each row by column."""
     for title, rows in sections(folder).items():
         is_total = re.match(r"(All \d+ scenes|1 scene), ", title)
-        if title.endswith(f"protocol {protocol}{stage}") and (is_total if where is None else title.startswith(where + ", ")):
+        if title.endswith(f"protocol {protocol}") and (is_total if where is None else title.startswith(where + ", ")):
             head = rows[0]
             measured = [row for row in rows[1:] if not row[0].startswith("*")]
             return {row[0]: dict(zip(head[1:], row[1:])) for row in measured}

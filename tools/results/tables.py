@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from bench_output import FINAL_PASS, mean, scores, single_frames, sizes, summary
+from bench_output import mean, scores, single_frames, sizes, summary
 from commands import (
     ABLATIONS,
     CATEGORIES,
@@ -83,8 +83,6 @@ def methods_table(protocol):
             for label, command, method in memories_of(segmenter, folders):
                 cells = scores(folders[f"{command}-{segmenter}"], None, protocol)[method]
                 rows.append(full_row(f"{NET_NAMES[segmenter]}: {label}", cells))
-            final = scores(folders[f"methods-{segmenter}"], None, protocol, FINAL_PASS)["fastsam-splat"]
-            rows.append(full_row(f"{NET_NAMES[segmenter]}: **fastsam-splat**, final pass", final))
         return markdown([f"protocol `{protocol}`", *COLUMNS], rows)
 
     return render
