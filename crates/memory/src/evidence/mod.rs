@@ -88,12 +88,14 @@ impl EvidenceStore {
         Self { settings, votes, census }
     }
 
-    /// The votes of a Gaussian and the verdict on it.
+    /// The votes of a Gaussian and the verdict on it. Together they weigh no more than votes do, or Gaussians that were seen
+    /// often would outvote their neighbours.
     #[inline(always)]
     fn votes_with(&self, verdicts: &[Verdict], gaussian: usize) -> Votes {
         let mut votes = self.votes[gaussian];
         if let Some(verdict) = verdicts.get(gaussian).filter(|verdict| verdict.id != 0) {
             votes.add(verdict.id, verdict.votes);
+            votes.cap(self.settings.max_votes);
         }
         votes
     }
