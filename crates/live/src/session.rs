@@ -35,8 +35,8 @@ pub struct LiveOptions {
     pub saved_map: Option<SavedMap>,
     /// Interval between saves.
     pub save_interval: Duration,
-    /// What frames show is published this much later, by stamps, decided again with what has been seen since; at most
-    /// [`Self::MAX_LAG`], as the frames wait in memory.
+    /// Delay of ids, overlays and the page, measured in stamps. Each frame is decided again with the frames after it before it
+    /// is published. At most [`Self::MAX_LAG`], as delayed frames are kept in memory.
     pub lag: Duration,
 }
 
@@ -93,7 +93,7 @@ pub struct LiveSession {
     requests: (Requests, Receiver<PendingRequest>),
 }
 
-/// What is published with the result of a frame.
+/// Stamp, size and camera of a frame, which are published with its result.
 #[derive(Debug)]
 struct PublishedFrame {
     stamp: Duration,

@@ -49,7 +49,7 @@ pub(crate) struct SavedState {
     pub recent: SavedRecentFrames,
     /// The keyframe of each Gaussian, as runs: keyframe and length.
     pub anchors: Vec<(KeyframeId, u64)>,
-    /// What is known about the place of each Gaussian, as runs: kind and length. Empty if all were observed.
+    /// The [`SurfaceKind`] of each Gaussian, as runs: kind and length. Empty if all were observed.
     pub surfaces: Vec<(SurfaceKind, u64)>,
     /// Pairs of ids that were shown side by side, the smaller one first.
     pub together: Vec<[SegmentId; 2]>,

@@ -7,16 +7,16 @@ use splatseg_geometry::SegmentId;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What as many frames say about a patch counts like one vote. Votes are of the last four frames, so that they decide where
-/// little has been seen, and the evidence where much has been.
+/// Number of frames of evidence that weigh as much as one vote. Votes come from the last four frames. They decide where a patch
+/// was seen in few frames, and the evidence decides where it was seen in many.
 const FRAMES_PER_VOTE: f32 = 8.0;
 
-/// What is to be decided.
+/// The patches to be partitioned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scope {
     /// All patches.
     All,
-    /// Those that the last so many frames saw. The others stay parts of the objects that they were parts of.
+    /// Patches seen in the last `n` frames. The others keep their objects.
     Frames(u32),
 }
 
@@ -70,7 +70,7 @@ impl PatchGraph {
         })
     }
 
-    /// What was decided about each Gaussian; nothing for those without evidence, and empty if nothing was decided.
+    /// The verdict on each Gaussian, with id 0 for those without evidence. Empty before the first [`Self::decide`].
     pub fn verdicts(&self) -> Vec<Verdict> {
         if !self.is_decided {
             return Vec::new();

@@ -59,7 +59,7 @@ struct SketchCamera {
     map_from_camera: LocalPose,
 }
 
-/// What is no array in a [`SavedPreviousFrame`].
+/// The part of a [`SavedPreviousFrame`] that is not an array.
 #[derive(Serialize, Deserialize)]
 struct PreviousState {
     motion: LocalPose,

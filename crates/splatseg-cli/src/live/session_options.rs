@@ -25,8 +25,8 @@ pub struct SessionOptions {
     /// Seconds between two saves of the map
     #[arg(long, value_name = "S", default_value_t = 30.0)]
     pub save_interval: f64,
-    /// Publish what frames show this many seconds late, e.g. 1 or 1s, decided again with what has been seen since. Poses,
-    /// objects and map are not late. The frames wait in memory
+    /// Delay ids, overlays and the page by this many seconds, e.g. 1 or 1s, and decide them again with the frames in
+    /// between. Poses, objects and the map are not delayed. Delayed frames are kept in memory
     #[arg(long, value_name = "S", default_value = "0", value_parser = seconds)]
     pub lag: f64,
     /// Record what is used of the stream; `live FILE.mcap --every-frame` then gives the same map
