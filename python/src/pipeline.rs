@@ -349,7 +349,7 @@ fn map_of(state: &State) -> PyResult<MapView<'_>> {
 
 fn step_result(
     py: Python<'_>,
-    FrameResult { output, regions, objects, times, pose, anchor: _, remapped, events: _, doubts }: FrameResult,
+    FrameResult { output, regions, objects, times, pose, anchor: _, turn: _, remapped, events: _, doubts }: FrameResult,
     time: Duration,
 ) -> PyResult<Step> {
     for doubt in doubts {

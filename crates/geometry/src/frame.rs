@@ -1,6 +1,6 @@
 //! One frame of an RGB-D video.
 
-use crate::{CowImage, Intrinsics, IntrinsicsError, Pose};
+use crate::{CowImage, Intrinsics, IntrinsicsError, Pose, QuarterTurn};
 use std::ops::Deref;
 use std::time::Duration;
 use thiserror::Error;
@@ -174,6 +174,18 @@ impl<'a> CameraFrame<'a> {
         }
     }
 
+    /// The frame as a camera would see it that is turned about its viewing direction.
+    #[must_use]
+    pub fn turned(&self, turn: QuarterTurn) -> CameraFrame<'static> {
+        CameraFrame {
+            color: self.color.turned(turn),
+            depth: self.depth.turned(turn),
+            intrinsics: self.intrinsics.turned(turn),
+            name: self.name.clone(),
+            timestamp: self.timestamp,
+        }
+    }
+
     /// The frame's name in its scene, e.g. `frame-000150` or `42`. Output files are named after it.
     pub fn name(&self) -> &str {
         &self.name
@@ -269,6 +281,22 @@ mod tests {
                 (frame.color()[at], frame.intrinsics().unproject(Vec2::new(at.0 as f32, at.1 as f32), depth))
             });
             assert_eq!(one, other);
+        }
+    }
+
+    #[test]
+    fn a_turned_frame_sees_turned_points() {
+        let camera = Intrinsics { fx: 6.0, fy: 5.0, cx: 2.5, cy: 1.0, width: 5, height: 3 };
+        let depth = Image::from_fn(5, 3, |column, row| (1 + column + 5 * row) as f32);
+        let frame = CameraFrame::new("0", Image::filled(5, 3, [0; 3]), depth, camera).unwrap();
+        let point = |frame: &CameraFrame<'_>, at: (usize, usize)| {
+            frame.intrinsics().unproject(Vec2::new(at.0 as f32, at.1 as f32), frame.depth()[at])
+        };
+        for turn in QuarterTurn::ALL {
+            let (before, after) = (point(&frame, (4, 1)), point(&frame.turned(turn), turn.pixel((4, 1), (5, 3))));
+            let [(xx, xy), (yx, yy)] = [(1, 0), (0, 1)].map(|axis| turn.vector(axis));
+            let expected = (xx as f32 * before.x + yx as f32 * before.y, xy as f32 * before.x + yy as f32 * before.y);
+            assert_eq!((after.x, after.y, after.z), (expected.0, expected.1, before.z), "{turn:?}");
         }
     }
 

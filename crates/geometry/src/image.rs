@@ -1,5 +1,6 @@
 //! Images: row-major pixels of any type, owned or borrowed.
 
+use crate::QuarterTurn;
 use std::borrow::Cow;
 use thiserror::Error;
 
@@ -96,6 +97,13 @@ impl<'a, T: Clone> CowImage<'a, T> {
     pub fn map<U: Clone>(&self, change: impl FnMut(&T) -> U) -> Image<U> {
         let pixels = Cow::Owned(self.pixels.iter().map(change).collect());
         CowImage { width: self.width, height: self.height, pixels }
+    }
+
+    /// Returns the turned image.
+    #[must_use]
+    pub fn turned(&self, turn: QuarterTurn) -> Image<T> {
+        let size = turn.size(self.size());
+        Image::from_fn(size.0, size.1, |column, row| self[turn.inverse().pixel((column, row), size)].clone())
     }
 
     /// Returns every second row and column, beginning with the first.

@@ -1,5 +1,6 @@
 //! The pinhole camera.
 
+use crate::QuarterTurn;
 use glam::{Vec2, Vec3};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -70,6 +71,21 @@ impl Intrinsics {
             height: self.height.saturating_sub(2 * border),
             ..*self
         }
+    }
+
+    /// The intrinsics of the turned image.
+    #[must_use]
+    pub fn turned(&self, turn: QuarterTurn) -> Self {
+        let Self { fx, fy, cx, cy, width, height } = *self;
+        let (from_right, from_bottom) = ((width - 1) as f32 - cx, (height - 1) as f32 - cy);
+        let ((fx, fy), (cx, cy)) = match turn {
+            QuarterTurn::None => ((fx, fy), (cx, cy)),
+            QuarterTurn::Right => ((fy, fx), (from_bottom, cx)),
+            QuarterTurn::Half => ((fx, fy), (from_right, from_bottom)),
+            QuarterTurn::Left => ((fy, fx), (cy, from_right)),
+        };
+        let (width, height) = turn.size((width, height));
+        Self { fx, fy, cx, cy, width, height }
     }
 
     /// Returns the camera-frame point at `pixel` (column, row) and z-depth `depth` (metres).

@@ -3,6 +3,7 @@
 //! Only blocks that contain pixels of the mask are stored, so memory is proportional to the covered area. This matters
 //! for thousands of overlapping masks of a large image, and for segments scattered all over it.
 
+use crate::QuarterTurn;
 use std::iter::Peekable;
 
 /// Number of words in a [`Block`]: few, so that small masks stay small, but enough to count many pixels per comparison.
@@ -98,6 +99,20 @@ impl Mask {
         let mut mask = Self { width, height, blocks: blocks.collect() };
         mask.shrink();
         mask
+    }
+
+    /// Returns the mask of the turned image.
+    #[must_use]
+    pub fn turned(&self, turn: QuarterTurn) -> Self {
+        let size = (self.width, self.height);
+        let (width, height) = turn.size(size);
+        let mut words = vec![0; (width * height).div_ceil(64)];
+        for index in self.pixel_indices() {
+            let (column, row) = turn.pixel((index % self.width, index / self.width), size);
+            let index = row * width + column;
+            words[index / 64] |= 1 << (index % 64);
+        }
+        Self::from_words(width, height, &words)
     }
 
     /// Width in pixels.
@@ -357,6 +372,17 @@ mod tests {
         assert_eq!(spot.area(), 10_000);
         assert!(spot.memory_bytes() < 16_000, "{}", spot.memory_bytes());
         assert_eq!(Mask::empty(usize::MAX, 8).memory_bytes(), 0);
+    }
+
+    #[test]
+    fn a_mask_turns_as_its_image() {
+        let image = crate::Image::from_fn(23, 17, |column, row| (column * row) % 7 == 3);
+        let mask = |image: &crate::Image<bool>| {
+            Mask::from_fn(image.width(), image.height(), |column, row| image[(column, row)])
+        };
+        for turn in QuarterTurn::ALL {
+            assert_eq!(mask(&image).turned(turn), mask(&image.turned(turn)));
+        }
     }
 
     #[test]

@@ -185,6 +185,12 @@ impl Pose {
         (self.rotation.transpose() * (point_world - self.translation)).as_vec3()
     }
 
+    /// The motion of what is attached to this pose when that becomes `now`: new world coordinates from old ones. `None` if
+    /// it stays as it is.
+    pub fn motion_to(&self, now: &Self) -> Option<Self> {
+        (now != self).then(|| *now * self.inverse())
+    }
+
     /// Returns the inverse transform, from world to camera coordinates.
     #[must_use]
     pub fn inverse(&self) -> Self {

@@ -1,6 +1,6 @@
 //! The result of a segmenter for one frame.
 
-use crate::{Affinities, ScoredMask, SegmentMap};
+use crate::{Affinities, QuarterTurn, ScoredMask, SegmentMap};
 
 /// The segments of a frame.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -18,5 +18,18 @@ impl From<Vec<ScoredMask>> for Segmentation {
     /// Masks of a segmenter that knows nothing else.
     fn from(masks: Vec<ScoredMask>) -> Self {
         Self { masks, regions: None, affinities: None }
+    }
+}
+
+impl Segmentation {
+    /// The segments of the turned frame. `size` (width, height) is the frame's before the turn.
+    #[must_use]
+    pub fn turned(&self, turn: QuarterTurn, size: (usize, usize)) -> Self {
+        let mask = |scored: &ScoredMask| ScoredMask { mask: scored.mask.turned(turn), score: scored.score };
+        Self {
+            masks: self.masks.iter().map(mask).collect(),
+            regions: self.regions.as_ref().map(|regions| regions.turned(turn)),
+            affinities: self.affinities.as_ref().map(|affinities| affinities.turned(turn, size)),
+        }
     }
 }

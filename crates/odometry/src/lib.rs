@@ -18,6 +18,7 @@
 //! | `motion_test.rs` | which segments moved by themselves in one frame |
 //! | `movers.rs` | weights of segments that move by themselves |
 //! | `plausibility.rs` | doubts about the focal length |
+//! | `upright.rs` | where up is, and by which turn the images are upright |
 //! | `input_checks/` | whether given poses and units fit what the frames show |
 //! | `search.rs` | a start when the motion model fails |
 //! | `keyframes/` | the keyframes of the whole map, in little memory |
@@ -64,6 +65,7 @@ mod sums;
 mod tracked_frame;
 mod tracked_poses;
 mod tracked_source;
+mod upright;
 
 pub use input_doubt::{DoubtKind, InputDoubt};
 pub use odometry::Odometry;

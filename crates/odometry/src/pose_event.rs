@@ -34,6 +34,17 @@ pub enum PoseEvent {
     },
 }
 
+impl PoseEvent {
+    /// True if the world's axes are others from now on.
+    pub(crate) fn changes_axes(&self) -> bool {
+        match self {
+            Self::FoundInLoadedMap { .. } | Self::NewPart { .. } => true,
+            Self::LoopClosed { joined_parts, .. } => *joined_parts,
+            Self::FoundAgain { .. } => false,
+        }
+    }
+}
+
 /// Numbers of events.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PoseEventCounts {

@@ -1,7 +1,9 @@
 //! The camera's pose for each frame.
 
 use crate::{CameraPose, InputDoubt, PoseEvent};
-use splatseg_geometry::{CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, RemappedId, SegmentMap};
+use splatseg_geometry::{
+    CameraFrame, FrameAnchor, KeyframeId, MapCorrection, Pose, QuarterTurn, RemappedId, SegmentMap,
+};
 use std::collections::BTreeMap;
 use thiserror::Error;
 
@@ -24,6 +26,11 @@ pub trait PoseSource: Send {
     /// The keyframes as they are now.
     fn keyframes(&self) -> BTreeMap<KeyframeId, KeyframePlace> {
         BTreeMap::new()
+    }
+
+    /// The turn after which images of the camera are upright, as [`PoseUpdate::turn`] told it with the latest frame.
+    fn turn(&self) -> QuarterTurn {
+        QuarterTurn::None
     }
 
     /// Returns, after the last frame, doubts that only all frames together justify.
@@ -82,13 +89,16 @@ pub struct PoseUpdate {
     pub events: Vec<PoseEvent>,
     /// Doubts about the input that have arisen, each once.
     pub doubts: Vec<InputDoubt>,
+    /// The turn after which images of the camera, as it is held now, are upright. [`QuarterTurn::None`] if that is not
+    /// known.
+    pub turn: QuarterTurn,
 }
 
 impl From<CameraPose> for PoseUpdate {
     /// A pose without anything else.
     fn from(pose: CameraPose) -> Self {
-        let anchor = FrameAnchor::default();
-        Self { pose, anchor, correction: None, events: Vec::new(), doubts: Vec::new() }
+        let (anchor, turn) = (FrameAnchor::default(), QuarterTurn::None);
+        Self { pose, anchor, correction: None, events: Vec::new(), doubts: Vec::new(), turn }
     }
 }
 

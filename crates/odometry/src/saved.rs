@@ -9,6 +9,8 @@
 //! | `….camera.json` | text | number, pose and intrinsics |
 //! | `….grey`, `….depth` | `u8`, `u16 [height, width]` | luminance; z-depth in quarters of a millimetre, 0 where missing |
 //! | `….segments` | `u32 [n, 2]` | runs of pixels, row-major: id and length; missing if they are not known |
+//! | `upright.votes`, `upright.looked` | `f32`, `u8 [1024]` | for each direction of the world, what votes for it as up, and whether the camera has looked there |
+//! | `upright.state.json` | text | up, if it is known, and the turn of the images |
 //! | `probation.…` | | the same, while a recognised place is to be confirmed: `odometry`, `keyframes`, `state.json` |
 
 use crate::graph::Edge;
@@ -22,6 +24,7 @@ use crate::prior::LastFrame;
 use crate::pyramid::GreyFrame;
 use crate::saved_keyframes;
 use crate::segment_runs::SegmentRuns;
+use crate::upright::Upright;
 use crate::{Odometry, TrackedPoses};
 use serde::{Deserialize, Serialize};
 use splatseg_files::StateBlock;
@@ -67,7 +70,7 @@ struct KeyframeCamera {
 
 impl SavedPoses {
     pub(crate) fn of(poses: &TrackedPoses) -> Self {
-        let TrackedPoses { odometry, last_given, has_given, map, lost, .. } = poses;
+        let TrackedPoses { odometry, last_given, has_given, map, lost, upright, .. } = poses;
         let state = PosesState {
             last_given: *last_given,
             has_given: *has_given,
@@ -79,6 +82,7 @@ impl SavedPoses {
         block.put_json("state.json", &state);
         block.put_block("keyframes", saved_keyframes::block(map));
         block.put_block("odometry", odometry_block(odometry));
+        block.put_block("upright", upright.block());
         if let Some(probation) = &lost.probation {
             block.put_block("probation", probation_block(probation));
         }
@@ -103,6 +107,7 @@ impl SavedPoses {
         let probation = if probation.is_empty() { None } else { Some(probation_of(probation)?) };
         let map = saved_keyframes::map_of(&block.take_block("keyframes"))?;
         poses.odometry = odometry_of(block.take_block("odometry"))?;
+        poses.upright = Upright::of_block(&block.take_block("upright"))?;
         poses.map = map;
         poses.lost = LostCamera { probation, views: lost_views, frames: lost_frames, since: lost_since };
         (poses.last_given, poses.has_given) = (last_given, has_given);

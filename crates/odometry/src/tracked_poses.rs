@@ -5,6 +5,7 @@ use crate::keyframe_map::KeyframeMap;
 use crate::lost::{LostCamera, Search};
 use crate::plausibility::ImageUse;
 use crate::tracked_frame::TrackedFrame;
+use crate::upright::Upright;
 use crate::{CameraPose, Odometry, PoseEvent, PoseState};
 use splatseg_geometry::{CameraFrame, FrameAnchor, MapCorrection, Pose, PoseFormat};
 use splatseg_settings::choices;
@@ -46,6 +47,7 @@ pub struct TrackedPoses {
     pub(crate) events: Vec<PoseEvent>,
     pub(crate) checks: InputChecks,
     pub(crate) images: ImageUse,
+    pub(crate) upright: Upright,
 }
 
 impl TrackedPoses {
@@ -64,6 +66,7 @@ impl TrackedPoses {
             events: Vec::new(),
             checks: InputChecks::new(PoseFormat::default()),
             images: ImageUse::default(),
+            upright: Upright::default(),
         }
     }
 

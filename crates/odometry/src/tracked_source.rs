@@ -3,10 +3,10 @@
 use crate::saved::SavedPoses;
 use crate::saved_keyframes;
 use crate::{
-    CameraPose, InputDoubt, KeyframePlace, MethodFindings, PoseInput, PoseMode, PoseSource, PoseSourceError,
-    PoseUpdate, StateScope, TrackedPoses,
+    CameraPose, InputDoubt, KeyframePlace, MethodFindings, PoseEvent, PoseInput, PoseMode, PoseSource, PoseSourceError,
+    PoseState, PoseUpdate, StateScope, TrackedPoses,
 };
-use splatseg_geometry::{CameraFrame, KeyframeId, Pose};
+use splatseg_geometry::{CameraFrame, KeyframeId, Pose, QuarterTurn};
 use std::collections::BTreeMap;
 
 impl PoseSource for TrackedPoses {
@@ -18,12 +18,19 @@ impl PoseSource for TrackedPoses {
         let pose = self.find(frame, given)?;
         self.checks.add_placed(frame, &pose);
         self.images.add(&pose);
+        if self.events.iter().any(PoseEvent::changes_axes) {
+            self.upright.start_map();
+        }
+        if pose.state != PoseState::Lost {
+            self.upright.add(frame, &pose.world_from_camera);
+        }
         Ok(PoseUpdate {
             pose,
             anchor: self.anchor(),
             correction: self.correction.take(),
             events: std::mem::take(&mut self.events),
             doubts: self.checks.take(),
+            turn: self.upright.turn(),
         })
     }
 
@@ -39,6 +46,10 @@ impl PoseSource for TrackedPoses {
             Some((id, KeyframePlace { world_from_keyframe, part: self.map.store.part_of(id)? }))
         };
         self.map.store.poses().into_iter().filter_map(place).collect()
+    }
+
+    fn turn(&self) -> QuarterTurn {
+        self.upright.turn()
     }
 
     fn finish(&mut self) -> Vec<InputDoubt> {

@@ -33,7 +33,7 @@ pub use network::AffinityNetwork;
 pub use settings::AffinitySettings;
 pub use weights::AffinityWeightsError;
 
-use crate::{Segmenter, SegmenterError};
+use crate::{Detail, Segmenter, SegmenterError};
 use grid::Grid;
 use network::NetworkMemory;
 use rayon::prelude::*;
@@ -54,6 +54,7 @@ const REGION_THRESHOLD: f32 = -0.5;
 pub struct AffinitySegmenter {
     network: AffinityNetwork,
     settings: AffinitySettings,
+    detail: Detail,
     input: FeatureMap,
     grid: Grid,
     memory: NetworkMemory,
@@ -67,7 +68,14 @@ impl AffinitySegmenter {
     pub fn new(network: AffinityNetwork, settings: AffinitySettings) -> Result<Self, SegmenterError> {
         let settings = settings.validated()?;
         let (input, grid, memory) = (FeatureMap::default(), Grid::default(), NetworkMemory::default());
-        Ok(Self { network, settings, input, grid, memory })
+        Ok(Self { network, settings, detail: Detail::Normal, input, grid, memory })
+    }
+
+    /// Sets how finely frames are segmented, on top of the threshold of the settings.
+    #[must_use]
+    pub fn with_detail(mut self, detail: Detail) -> Self {
+        self.detail = detail;
+        self
     }
 
     /// The settings in use.
@@ -110,9 +118,13 @@ impl Segmenter for AffinitySegmenter {
         "affinity"
     }
 
+    fn prefers_upright(&self) -> bool {
+        true
+    }
+
     fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         let tree = self.merge_tree(frame)?;
-        let threshold = self.settings.threshold.unwrap_or(self.network.threshold);
+        let threshold = self.settings.threshold.unwrap_or(self.network.threshold) + self.detail.log_odds();
         let partition = tree.cut(threshold);
         let fine = tree.cut(threshold.max(REGION_THRESHOLD));
         let start = self.grid.start(0, (self.input.height(), self.input.width()));

@@ -10,12 +10,14 @@
 //! - [`MaskFolder`] replays masks that another model wrote to disk.
 
 mod affinity;
+mod detail;
 mod error;
 mod fastsam;
 mod graph;
 mod masks;
 
 pub use affinity::{AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeightsError, MergeTree, Partition};
+pub use detail::Detail;
 pub use error::SegmenterError;
 pub use fastsam::FastSamSegmenter;
 pub use graph::{BorderWeights, GraphSegmenter, GraphSettings, PatchSettings, SurfaceSettings};
@@ -29,6 +31,12 @@ use splatseg_geometry::{CameraFrame, Segmentation};
 pub trait Segmenter: Send {
     /// A short name for tables and summaries, e.g. `graph`.
     fn name(&self) -> &str;
+
+    /// True if it segments upright images better than turned ones. Then frames of a camera that is held sideways or upside
+    /// down are turned for it, and what it finds is turned back. False if not implemented.
+    fn prefers_upright(&self) -> bool {
+        false
+    }
 
     /// Returns the segments of `frame`. Empty masks are left out, so the list is empty if nothing was found. A segmenter that
     /// knows only masks returns `masks.into()`.

@@ -20,6 +20,8 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use clap::{Arg, Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use splatseg::Settings;
 use splatseg::parts::{Part, PartKind};
+use splatseg::pipeline::Rotate;
+use splatseg::segmenter::Detail;
 use splatseg::settings::{Entry, MethodName, MethodPreset, SettingsLayers, describe, entries};
 use splatseg::{Segmenter, Tracker};
 use splatseg_dataset::DepthRegistration;
@@ -254,6 +256,8 @@ fn possible_values(entry: &Entry) -> Vec<PossibleValue> {
         ("", "method_preset", _) => with_help::<MethodPreset>(),
         ("", "segmenter", Allowed::Names(names)) => of_parts::<dyn Segmenter>(names),
         ("", "poses", _) => with_help::<PoseMode>(),
+        ("", "detail", _) => with_help::<Detail>(),
+        ("", "rotate", _) => with_help::<Rotate>(),
         ("", "tracker", Allowed::Names(names)) => of_parts::<dyn Tracker>(names),
         ("dataset", "register_depth", _) => with_help::<DepthRegistration>(),
         (_, _, Allowed::Names(names)) => names.iter().map(|name| PossibleValue::new(*name)).collect(),

@@ -200,6 +200,10 @@ pub struct SettingsOptions {
     pub prompts: Option<String>,
     #[arg(long, value_name = "SOURCE", value_delimiter = ',')]
     pub poses: Vec<String>,
+    #[arg(long, value_name = "HOW")]
+    pub detail: Option<String>,
+    #[arg(long, value_name = "DEGREES")]
+    pub rotate: Option<String>,
     #[arg(long, value_name = "DEVICE")]
     pub device: Option<String>,
     /// Settings from a TOML file, or from the summary.json of an earlier run
@@ -247,6 +251,8 @@ impl SettingsOptions {
             ("tracker_weights", self.tracker_weights.as_ref()),
             ("prompts", self.prompts.as_ref()),
             ("poses", self.poses.first()),
+            ("detail", self.detail.as_ref()),
+            ("rotate", self.rotate.as_ref()),
             ("device", self.device.as_ref()),
             ("seed", self.seed.as_ref()),
             ("threads", self.threads.as_ref()),

@@ -11,7 +11,7 @@ use splatseg::pipeline::{FrameResult, Pipeline, PipelineError, Processed, StageT
 use splatseg::settings::{MethodName, Settings};
 use splatseg::summary::{FramesPerSecond, RunCounts};
 use splatseg_dataset::{FrameStream, GroundTruth, open_scene};
-use splatseg_geometry::{FrameAnchor, MapView, Mask, RgbdFrame, SegmentMap};
+use splatseg_geometry::{FrameAnchor, MapView, Mask, QuarterTurn, RgbdFrame, SegmentMap};
 use splatseg_metrics::{FramePrediction, InstanceScorer, Protocol, ScoreSettings, VideoScore, VideoScorer};
 use splatseg_odometry::{CameraPose, InputDoubt};
 use splatseg_report::{Series, Thumbnail};
@@ -232,6 +232,7 @@ fn result_or_empty(
                     times,
                     pose,
                     anchor: FrameAnchor::default(),
+                    turn: QuarterTurn::None,
                     remapped: Vec::new(),
                     events: Vec::new(),
                     doubts: Vec::new(),

@@ -1,6 +1,7 @@
 //! Messages about the source of the camera's poses.
 
 use crate::terminal::counted;
+use splatseg::geometry::QuarterTurn;
 use splatseg::odometry::{CameraPose, PoseEvent, PoseMode, PoseState};
 use splatseg::summary::RunCounts;
 
@@ -33,6 +34,7 @@ pub struct CameraMessages {
     /// True if a map was loaded in which the camera has not been found yet.
     is_unplaced: bool,
     state: Option<PoseState>,
+    turn: QuarterTurn,
     messages: usize,
 }
 
@@ -71,6 +73,20 @@ impl CameraMessages {
             messages.push("there are no further messages about the camera".to_owned());
         }
         messages
+    }
+
+    /// Records the turn of a frame for the segmenter. Returns a message if it is another than before.
+    pub fn add_turn(&mut self, frame: &str, turn: QuarterTurn) -> Option<String> {
+        if std::mem::replace(&mut self.turn, turn) == turn || self.messages >= MAX_MESSAGES {
+            return None;
+        }
+        self.messages += 1;
+        let how = match turn {
+            QuarterTurn::None => "upright: frames are segmented as they are".to_owned(),
+            QuarterTurn::Half => "upside down: frames are turned by 180 degrees for the segmenter".to_owned(),
+            _ => format!("sideways: frames are turned clockwise by {} degrees for the segmenter", turn.degrees()),
+        };
+        Some(format!("frame {frame}: the camera is held {how}"))
     }
 
     /// A message for the end of the run: the camera was never found in the loaded map.
@@ -160,6 +176,20 @@ mod tests {
             ["frame 7: the camera was not found in the map for 90 frames: a new part of the map begins"]
         );
         assert_eq!(messages.at_end(), None);
+    }
+
+    #[test]
+    fn a_camera_that_is_turned_is_told_once() {
+        let mut messages = CameraMessages::new(false);
+        let turns = [QuarterTurn::None, QuarterTurn::Right, QuarterTurn::Right, QuarterTurn::None];
+        let told: Vec<String> = turns.iter().filter_map(|turn| messages.add_turn("7", *turn)).collect();
+        assert_eq!(
+            told,
+            [
+                "frame 7: the camera is held sideways: frames are turned clockwise by 90 degrees for the segmenter",
+                "frame 7: the camera is held upright: frames are segmented as they are"
+            ]
+        );
     }
 
     #[test]

@@ -127,10 +127,9 @@ impl FrameHistory {
     pub fn pose_corrections(&self, keyframes: &BTreeMap<KeyframeId, KeyframePlace>) -> Vec<Option<Pose>> {
         let mut corrections = vec![None; self.frames.len()];
         for (keyframe, before, range) in self.ranges() {
-            let now = keyframes.get(keyframe).map(|keyframe| keyframe.world_from_keyframe);
-            let Some(now) = now.filter(|now| now != before) else { continue };
-            let correction = now * before.inverse();
-            corrections.get_mut(range).unwrap_or_default().fill(Some(correction));
+            let now = keyframes.get(keyframe).map(|keyframe| &keyframe.world_from_keyframe);
+            let correction = now.and_then(|now| before.motion_to(now));
+            corrections.get_mut(range).unwrap_or_default().fill(correction);
         }
         corrections
     }

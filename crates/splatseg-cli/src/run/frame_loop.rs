@@ -204,7 +204,8 @@ fn record_result(
     let number = counts.frames;
     counts.add(&result, map.map_or(0, |map| map.gaussian_count()));
     let (file_name, pose_state) = (file_name(frame.name()), result.pose.state);
-    let messages = reports.camera.add(frame.name(), &result.pose, &result.events, result.remapped.len());
+    let mut messages = reports.camera.add(frame.name(), &result.pose, &result.events, result.remapped.len());
+    messages.extend(reports.camera.add_turn(frame.name(), result.turn));
     let doubts = result.doubts;
     let (segments, regions, objects) = (result.output.segments, result.regions, result.objects);
     let (anchor, remapped) = (result.anchor, result.remapped);

@@ -47,8 +47,10 @@ impl PartSection<dyn Segmenter> for GraphSettings {
     const NAME: &'static str = "graph";
     const HELP: &'static str = "Built in, no weights: cuts along edges in depth, normals and colour";
 
-    fn build(&self, _: &PartFiles, _: &PartContext<'_>) -> Result<Box<dyn Segmenter>, PartError> {
-        Ok(Box::new(GraphSegmenter::new(self.clone())?))
+    fn build(&self, _: &PartFiles, context: &PartContext<'_>) -> Result<Box<dyn Segmenter>, PartError> {
+        let mut settings = self.clone();
+        settings.borders.bias += context.detail.log_odds();
+        Ok(Box::new(GraphSegmenter::new(settings)?))
     }
 }
 
@@ -62,7 +64,7 @@ impl PartSection<dyn Segmenter> for AffinitySettings {
 
     fn build(&self, files: &PartFiles, context: &PartContext<'_>) -> Result<Box<dyn Segmenter>, PartError> {
         let network = context.networks.affinity(files.get(&WEIGHTS_OF_AFFINITY), context.device)?;
-        Ok(Box::new(AffinitySegmenter::new(network, self.clone())?))
+        Ok(Box::new(AffinitySegmenter::new(network, self.clone())?.with_detail(context.detail)))
     }
 }
 
@@ -129,6 +131,9 @@ pub(crate) fn add_choice(registry: &mut Registry) {
     registry.add(vec![choice("segmenter", Some(AffinitySettings::NAME), SEGMENTERS.names(), help)], &[]);
     registry.require("segmenter", Requirement::Not(ChosenValues { key: "prompts", values: vec!["ground-truth"] }));
 }
+
+/// The segmenters that have a degree of detail.
+pub(crate) const WITH_DETAIL: [&str; 2] = [AffinitySettings::NAME, GraphSettings::NAME];
 
 /// Adds the settings of each segmenter.
 pub(crate) fn add_settings(registry: &mut Registry) {

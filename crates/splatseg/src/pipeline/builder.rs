@@ -181,6 +181,11 @@ impl<'a> PipelineBuilder<'a> {
         let mut pipeline = Pipeline::new(segmenter, method);
         pipeline.poses = poses;
         pipeline.segment_ahead = self.settings.run.segment_ahead;
+        pipeline.rotate = self.settings.run.rotate;
+        // Until a frame has been placed, nothing but the settings tells how the camera is held.
+        if pipeline.segmenter.prefers_upright() {
+            pipeline.turn = pipeline.rotate.turn().unwrap_or_else(|| pipeline.poses.turn());
+        }
         pipeline.objects = self.objects;
         pipeline.names = self.names;
         Ok(pipeline)
@@ -214,6 +219,7 @@ impl<'a> PipelineBuilder<'a> {
             device: self.settings.run.device,
             seed: self.settings.run.seed,
             framing: self.settings.dataset.framing(),
+            detail: self.settings.run.detail,
             prompts_lost_objects: self.settings.method.prompts_lost_objects(),
             networks: &self.networks,
             scene: self.scene.as_ref(),

@@ -1,7 +1,7 @@
 //! What a pipeline returns for a frame.
 
 use super::StageTimes;
-use splatseg_geometry::{FrameAnchor, RemappedId, SegmentMap};
+use splatseg_geometry::{FrameAnchor, QuarterTurn, RemappedId, SegmentMap};
 use splatseg_objects::ObjectSighting;
 use splatseg_odometry::{CameraPose, InputDoubt, PoseEvent};
 use splatseg_tracking::FrameOutput;
@@ -21,6 +21,8 @@ pub struct FrameResult {
     pub pose: CameraPose,
     /// The keyframe to which the frame's surfaces are attached.
     pub anchor: FrameAnchor,
+    /// The turn after which the frame is upright, as far as that was known; the segmenter may have seen it so.
+    pub turn: QuarterTurn,
     /// Ids of earlier frames that turned out to be the same object, since the previous result.
     pub remapped: Vec<RemappedId>,
     /// Events of the pose source since the previous result: loops, a lost camera that was found.

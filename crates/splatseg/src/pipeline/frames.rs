@@ -118,14 +118,14 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
             Err(error) => return Some(Err(error.into())),
         };
         let frame = frame.at(placed.pose.world_from_camera);
-        let Pipeline { segmenter, method, segment_ahead, clock, objects, .. } = &mut **pipeline;
+        let Pipeline { segmenter, method, segment_ahead, clock, objects, turn, .. } = &mut **pipeline;
         // Read on this thread: a thread of the pool that waits for a frame could be the one that the frame waits for.
         let ahead = if *segment_ahead { source.next() } else { None };
         let (result, segmented_ahead) = in_thread_pool(|| {
-            let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), &frame));
+            let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), &frame, placed.turn));
             rayon::join(
                 || process(method.as_mut(), clock, objects, &frame, placed, segmented),
-                || Some(segment(segmenter.as_mut(), &ahead.as_ref()?.as_ref().ok()?.frame)),
+                || Some(segment(segmenter.as_mut(), &ahead.as_ref()?.as_ref().ok()?.frame, *turn)),
             )
         });
         let result = result.and_then(|result| pipeline.completed(&frame, result));

@@ -93,6 +93,5 @@ impl<T> WaitingFrames<T> {
 
 /// New world coordinates from those of the time, if the keyframe of a frame has moved since.
 fn correction(anchor: &FrameAnchor, pipeline: &Pipeline) -> Option<Pose> {
-    let now = pipeline.keyframes().get(&anchor.keyframe)?.world_from_keyframe;
-    (now != anchor.world_from_keyframe).then(|| now * anchor.world_from_keyframe.inverse())
+    anchor.world_from_keyframe.motion_to(&pipeline.keyframes().get(&anchor.keyframe)?.world_from_keyframe)
 }

@@ -12,6 +12,7 @@ mod kept_names;
 mod late;
 mod named_map;
 mod naming;
+mod rotate;
 mod stage_times;
 mod stages;
 mod steps;
@@ -22,6 +23,7 @@ pub use frame_result::FrameResult;
 pub use frames::{Frames, Processed};
 pub use late::{LateFrame, WaitingFrames};
 pub use named_map::NamedMap;
+pub use rotate::Rotate;
 pub use stage_times::StageTimes;
 pub use steps::Pipeline;
 

@@ -2,7 +2,7 @@
 
 use super::stage_times::StageClock;
 use super::{FrameResult, PipelineError};
-use splatseg_geometry::{CameraFrame, FrameAnchor, RgbdFrame, Segmentation};
+use splatseg_geometry::{CameraFrame, FrameAnchor, QuarterTurn, RgbdFrame, Segmentation};
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::ObjectLog;
 use splatseg_odometry::{CameraPose, PoseState};
@@ -16,11 +16,12 @@ pub(super) struct Segmented {
     time: Duration,
 }
 
-/// A frame's pose, its place in the map, and the time that they took.
+/// A frame's pose, its place in the map, the time that they took, and the turn with which it is segmented.
 #[derive(Clone)]
 pub(super) struct Placed {
     pub(super) pose: CameraPose,
     pub(super) anchor: FrameAnchor,
+    pub(super) turn: QuarterTurn,
     pub(super) time: Duration,
 }
 
@@ -36,9 +37,15 @@ pub(super) fn timed<R>(work: impl FnOnce() -> R) -> (R, Duration) {
     (work(), started.elapsed())
 }
 
-/// Segments a frame.
-pub(super) fn segment(segmenter: &mut dyn Segmenter, frame: &CameraFrame) -> Segmented {
-    let (found, time) = timed(|| segmenter.segment(frame));
+/// Segments a frame that is upright after a turn.
+pub(super) fn segment(segmenter: &mut dyn Segmenter, frame: &CameraFrame, turn: QuarterTurn) -> Segmented {
+    let (found, time) = timed(|| {
+        if turn == QuarterTurn::None {
+            return segmenter.segment(frame);
+        }
+        let size = turn.size((frame.width(), frame.height()));
+        Ok(segmenter.segment(&frame.turned(turn))?.turned(turn.inverse(), size))
+    });
     Segmented { found, time }
 }
 
@@ -48,7 +55,7 @@ pub(super) fn process(
     clock: &StageClock,
     objects: &mut ObjectLog,
     frame: &RgbdFrame,
-    Placed { pose, anchor, time: pose_time }: Placed,
+    Placed { pose, anchor, turn, time: pose_time }: Placed,
     Segmented { found, time }: Segmented,
 ) -> Result<FrameResult, PipelineError> {
     let name = || frame.name().to_owned();
@@ -70,5 +77,5 @@ pub(super) fn process(
     objects.remap(&output.update.remapped);
     let objects = objects.record(&output);
     let (remapped, events, doubts) = (Vec::new(), Vec::new(), Vec::new());
-    Ok(FrameResult { output, regions: found.regions, objects, times, pose, anchor, remapped, events, doubts })
+    Ok(FrameResult { output, regions: found.regions, objects, times, pose, anchor, turn, remapped, events, doubts })
 }

@@ -3,8 +3,8 @@
 use super::kept_names::KeptNames;
 use super::stage_times::StageClock;
 use super::stages::{Placed, in_thread_pool, process, segment, timed};
-use super::{FrameResult, PipelineError};
-use splatseg_geometry::{CameraFrame, KeyframeId, MapView, Pose, RemappedId, RgbdFrame};
+use super::{FrameResult, PipelineError, Rotate};
+use splatseg_geometry::{CameraFrame, KeyframeId, MapView, Pose, QuarterTurn, RemappedId, RgbdFrame};
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
 use splatseg_objects::ObjectLog;
 use splatseg_odometry::{
@@ -22,6 +22,9 @@ pub struct Pipeline {
     pub(super) poses: Box<dyn PoseSource>,
     pub(super) method: Box<dyn Method>,
     pub(super) segment_ahead: bool,
+    pub(super) rotate: Rotate,
+    /// The turn with which the next frame is segmented.
+    pub(super) turn: QuarterTurn,
     pub(super) clock: StageClock,
     pub(super) objects: ObjectLog,
     pub(super) names: KeptNames,
@@ -46,6 +49,8 @@ impl Pipeline {
             poses: Box::new(TrackedPoses::new(PoseMode::Auto)),
             method,
             segment_ahead: false,
+            rotate: Rotate::Auto,
+            turn: QuarterTurn::None,
             clock: StageClock::new(),
             objects: ObjectLog::default(),
             names: KeptNames::default(),
@@ -88,7 +93,7 @@ impl Pipeline {
     fn step_placed(&mut self, frame: &RgbdFrame, placed: Placed) -> Result<FrameResult, PipelineError> {
         let Self { segmenter, method, clock, objects, .. } = self;
         let result = in_thread_pool(|| {
-            let segmented = segment(segmenter.as_mut(), frame);
+            let segmented = segment(segmenter.as_mut(), frame, placed.turn);
             process(method.as_mut(), clock, objects, frame, placed, segmented)
         });
         self.completed(frame, result?)
@@ -104,7 +109,7 @@ impl Pipeline {
         let corrected: Vec<(usize, Pose)> = std::mem::take(&mut self.corrected).into_iter().collect();
         let input = PoseInput { index, given, corrected: &corrected };
         let (update, time) = timed(|| in_thread_pool(|| self.poses.pose(frame, input)));
-        let PoseUpdate { pose, anchor, correction, events, doubts } = update?;
+        let PoseUpdate { pose, anchor, correction, events, doubts, turn } = update?;
         let remapped = correction.map_or_else(Vec::new, |correction| self.method.correct_map(&correction));
         if !remapped.is_empty() {
             self.poses.receive(MethodFindings { remapped: &remapped, segments: None });
@@ -115,7 +120,11 @@ impl Pipeline {
         self.unreported.remapped.extend(remapped);
         self.unreported.events.extend(events);
         self.unreported.doubts.extend(doubts);
-        Ok(Placed { pose, anchor, time })
+        // The next frame is segmented before its pose is known, so each frame's turn is that of the frame before.
+        let next =
+            if self.segmenter.prefers_upright() { self.rotate.turn().unwrap_or(turn) } else { QuarterTurn::None };
+        let turn = std::mem::replace(&mut self.turn, next);
+        Ok(Placed { pose, anchor, turn, time })
     }
 
     /// Passes what the method has found to the source of poses, keeps views of the objects and names them, and adds

@@ -181,6 +181,7 @@ impl SettingsLayers {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline::Rotate;
     use crate::settings::MethodSettings;
 
     fn resolve(assignments: &[&str]) -> Result<Settings, SettingsError> {
@@ -203,6 +204,17 @@ mod tests {
         assert_eq!((memory.max_votes, memory.removal_frames), (7.0, 5));
         assert_eq!(settings.segmenter.name(), "oracle");
         assert!(matches!(settings.method, MethodSettings::FastsamSplat(_)));
+    }
+
+    #[test]
+    fn a_name_that_is_a_number_may_be_written_as_one() {
+        for text in ["rotate=90", "rotate=\"90\""] {
+            assert_eq!(resolve(&[text]).unwrap().run.rotate, Rotate::Right);
+        }
+        let settings: Settings = toml::from_str("rotate = 270").unwrap();
+        assert_eq!(settings.run.rotate, Rotate::Left);
+        let error = resolve(&["rotate=45"]).unwrap_err().to_string();
+        assert!(error.contains("auto, 0, 90, 180 or 270"), "{error}");
     }
 
     #[test]

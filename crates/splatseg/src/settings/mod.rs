@@ -31,10 +31,12 @@ pub use preset::MethodPreset;
 pub use registration::{register_namer, register_segmenter, register_tracker};
 pub use registry::{describe, entries};
 
+use crate::pipeline::Rotate;
 use splatseg_dataset::DatasetSettings;
 use splatseg_files::MemoryLimit;
 use splatseg_models::device::{DeviceError, DeviceName, HAS_NETWORKS};
 use splatseg_odometry::PoseMode;
+use splatseg_segmenter::Detail;
 use splatseg_settings::{Allowed, Choice, settings};
 
 /// Settings of a run: its method, its segmenter and the reading of its scene.
@@ -67,6 +69,13 @@ settings! {
         /// that of the first frame. `refine`: given poses drift, as a robot's odometry does, and are improved by
         /// tracking.
         poses: PoseMode = PoseMode::Auto, Allowed::Names(PoseMode::NAMES);
+        /// Turns frames clockwise for the segmenter, which was trained on upright images: by 90, 180 or 270 degrees, 0 for
+        /// not at all. `auto`: upright, once the camera has looked around and the floor is known. Results have the frames'
+        /// own orientation.
+        rotate: Rotate = Rotate::Auto, Allowed::Names(Rotate::NAMES);
+        /// How finely frames are segmented: `coarse` for fewer and larger segments, `fine` for more and smaller ones. It shifts
+        /// the log-odds at which two parts become one, `affinity.threshold` or `graph.borders.bias`, by 1.
+        detail: Detail = Detail::Normal, Allowed::Names(Detail::NAMES);
         /// The device that runs the networks. Support for devices other than the CPU must be built in.
         device: DeviceName = DeviceName::Cpu, Allowed::Names(DeviceName::NAMES);
         /// Segments the next frame while the method processes this one. Results do not depend on it. Each stage takes

@@ -17,6 +17,8 @@ pub fn entries() -> Vec<Entry> {
     let mut networks = vec![networks_of::<dyn Segmenter>(), networks_of::<dyn Tracker>(), networks_of::<dyn Namer>()];
     networks.retain(|choice| !choice.values.is_empty());
     registry.require("device", Requirement::OneOf(networks));
+    let with_detail = ChosenValues { key: <dyn Segmenter>::KEY, values: segmenters::WITH_DETAIL.to_vec() };
+    registry.require("detail", Requirement::OneOf(vec![with_detail]));
     registry.add(DatasetSettings::fields(), &[]);
     methods::add_settings(&mut registry);
     trackers::add_settings(&mut registry, &methods::WITH_TRACKER);

@@ -1,5 +1,6 @@
 //! Converts tables of values to settings and back.
 
+use super::toml_table::value_mut;
 use super::usage::{Usage, only_used, with_preset};
 use super::{Entry, MethodSettings, NamerSettings, RunSettings, SegmenterSettings, Settings, SettingsError, entries};
 use crate::parts::section;
@@ -19,7 +20,16 @@ impl Settings {
     /// If a key does not exist, or a value has the wrong type or is out of range.
     pub(super) fn from_table(table: &Table, strict: bool) -> Result<Self, SettingsError> {
         let entries = entries();
-        let table = &with_preset(table, &entries);
+        let mut table = with_preset(table, &entries);
+        for entry in entries.iter().filter(|entry| matches!(entry.field.allowed, Allowed::Names(_))) {
+            // A name may be a number, such as the 90 of `rotate`, and is then written as one.
+            if let Some(value) = value_mut(&mut table, &entry.field.key())
+                && let Value::Integer(number) = value
+            {
+                *value = Value::String(number.to_string());
+            }
+        }
+        let table = &table;
         let usage = Usage::new(table, &entries);
         for (key, value) in usage.values() {
             let entry = usage.entry(key).ok_or_else(|| unknown(key, &entries))?;

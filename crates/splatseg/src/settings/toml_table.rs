@@ -20,6 +20,17 @@ fn collect_values<'a>(prefix: &str, table: &'a Table, values: &mut BTreeMap<Stri
     }
 }
 
+/// Returns the value with a full key.
+pub(super) fn value_mut<'a>(table: &'a mut Table, key: &str) -> Option<&'a mut Value> {
+    match key.split_once('.') {
+        Some((section, rest)) => match table.get_mut(section)? {
+            Value::Table(inner) => value_mut(inner, rest),
+            _ => None,
+        },
+        None => table.get_mut(key),
+    }
+}
+
 /// Puts the values `above` over `below`.
 pub(super) fn merge(below: &mut Table, above: Table) {
     for (key, value) in above {

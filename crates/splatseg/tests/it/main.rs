@@ -5,3 +5,4 @@ mod lost_camera;
 mod method_preset;
 mod names;
 mod registered_parts;
+mod turned_frames;
