@@ -23,8 +23,8 @@ def targets(ids):
     """For ids [N, H, W] (0 = unlabelled): targets [N, 12, H, W], 1 for the same object, 0 for another, and a mask of
     the known ones."""
     count, height, width = ids.shape
-    same = torch.zeros(count, len(OFFSETS), height, width)
-    known = torch.zeros(count, len(OFFSETS), height, width, dtype=torch.bool)
+    same = torch.zeros(count, len(OFFSETS), height, width, device=ids.device)
+    known = torch.zeros(count, len(OFFSETS), height, width, dtype=torch.bool, device=ids.device)
     for i, offset in enumerate(OFFSETS):
         start, end = ends(height, width, offset)
         a, b = ids[:, start[0], start[1]], ids[:, end[0], end[1]]
@@ -35,12 +35,13 @@ def targets(ids):
 
 def importance(ids, area_power):
     """Weight of each pixel [N, H, W]: (its object's area / MEDIAN_AREA) ** -area_power, within 1/4 and 4."""
-    weights = torch.ones(ids.shape)
-    if area_power:
-        for i, image in enumerate(ids):
-            areas = torch.bincount(image.flatten())
-            weights[i] = (areas[image].float() / MEDIAN_AREA).pow(-area_power).clamp(0.25, 4)
-    return weights
+    if not area_power:
+        return torch.ones(ids.shape, device=ids.device)
+    flat = ids.flatten(1)
+    areas = torch.zeros(len(ids), int(ids.max()) + 1, device=ids.device)
+    areas.scatter_add_(1, flat, torch.ones(flat.shape, device=ids.device))
+    weights = (areas.gather(1, flat) / MEDIAN_AREA).pow(-area_power).clamp(0.25, 4)
+    return weights.view(ids.shape)
 
 
 def edge_weights(ids, inverse_depth, area_power, contact_weight):
@@ -51,7 +52,7 @@ def edge_weights(ids, inverse_depth, area_power, contact_weight):
     """
     pixel = importance(ids, area_power)
     count, height, width = ids.shape
-    weights = torch.ones(count, len(OFFSETS), height, width)
+    weights = torch.ones(count, len(OFFSETS), height, width, device=ids.device)
     for i, offset in enumerate(OFFSETS):
         start, end = ends(height, width, offset)
         edge = torch.maximum(pixel[:, start[0], start[1]], pixel[:, end[0], end[1]])
@@ -72,3 +73,15 @@ def loss(logits, ids, inverse_depth, area_power=0.5, contact_weight=2.0):
     weights = edge_weights(ids, inverse_depth, area_power, contact_weight) * known
     terms = F.binary_cross_entropy_with_logits(logits.float(), same, reduction="none")
     return (terms * weights).sum() / weights.sum().clamp(min=1)
+
+
+def divergence(logits, told):
+    """Mean Kullback-Leibler divergence of log-odds from those of a teacher, both [N, 12, H, W], over edges inside."""
+    inside = torch.zeros_like(told, dtype=torch.float32)
+    for i, offset in enumerate(OFFSETS):
+        start, _ = ends(*told.shape[2:], offset)
+        inside[:, i, start[0], start[1]] = 1
+    probability = torch.sigmoid(told.float())
+    terms = F.binary_cross_entropy_with_logits(logits.float(), probability, reduction="none")
+    entropy = F.binary_cross_entropy_with_logits(told.float(), probability, reduction="none")
+    return ((terms - entropy) * inside).sum() / inside.sum()

@@ -1,11 +1,11 @@
-"""Training samples from labelled views: crop, sensor, colours, input channels."""
+"""Training samples from labelled views: crop, sensor, colours, quarter turns, input channels."""
 
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from . import colour, sensor, sheets
+from . import colour, sensors, sheets
 from .inputs import inputs
 
 
@@ -18,27 +18,45 @@ class Settings(NamedTuple):
     recolour: float = 0.5  # probability that objects get new colours and textures
     no_colour: float = 0.35  # probability that colour is left out
     no_depth: float = 0.05  # probability that depth is left out
+    turn: float = 0.25  # share of samples turned by 90° or 270°, and a few by 180°, like those of a phone held upright
     sheets: float = 0.5  # probability of papers and posters on surfaces, if there is colour
 
 
 def sample(view, settings, rng):
     """Network input [8, h, w] float16 and the ids of every second pixel [h/2, w/2] int32."""
-    rgb, z, ids, camera = _crop(view, settings, rng)
+    return sample_with_exact(view, settings, rng)[:2]
+
+
+def sample_with_exact(view, settings, rng):
+    """A `sample`, and its input with exact depth [8, h, w] float16; all 0 if the sample is turned."""
+    turns = _turns(settings.turn, rng)
+    size = (settings.height, settings.width) if turns % 2 else (settings.width, settings.height)
+    rgb, z, ids, camera = _crop(view, size, rng)
     z *= np.float32(np.exp(rng.uniform(-0.4, 0.3)))
     choice, laid, ground, bare = rng.random(), [], ids, z
     if choice >= settings.no_colour and rng.random() < settings.sheets:
         z, ids, laid = sheets.lay(z, ids, camera, rng)
-    noisy = sensor.measure(z, rgb, ids, camera, rng) if rng.random() < settings.sensor else z
+    noisy = sensors.measure(z, rgb, ids, camera, rng) if rng.random() < settings.sensor else z
     if choice < settings.no_colour:
         rgb = np.zeros((*ids.shape, 3), np.uint8)
     else:
         rgb = _coloured(rgb, bare, ground, camera, laid, settings, rng)
-    x = inputs(rgb, np.rint(noisy * 1000).clip(0, 65535).astype(np.uint16), matrix(camera))
+    # Turned only now: the sensor's errors have sides of their own, as its second imager is to the left or right.
+    rgb, noisy, exact, ids, camera = turned((rgb, noisy, z, ids), camera, turns)
+    without = slice(0)
     if choice < settings.no_colour:
-        x[:3] = 0
+        without = slice(0, 3)
     elif choice < settings.no_colour + settings.no_depth:
-        x[3:] = 0
-    return x.astype(np.float16), ids[::2, ::2].astype(np.int32)
+        without = slice(3, 8)
+    x, exact = (_inputs(rgb, depth, camera, without) for depth in (noisy, exact))
+    return x, ids[::2, ::2].astype(np.int32), exact * (turns == 0)
+
+
+def _inputs(rgb, z, camera, without):
+    """The network's input, with 0 in some of its channels."""
+    x = inputs(rgb, np.rint(z * 1000).clip(0, 65535).astype(np.uint16), matrix(camera))
+    x[without] = 0
+    return x.astype(np.float16)
 
 
 def _coloured(rgb, z, ids, camera, laid, settings, rng):
@@ -56,15 +74,32 @@ def matrix(camera):
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
 
 
-def _crop(view, settings, rng):
-    """A scaled crop, mirrored half of the time: colour or None, depth in metres, ids, camera."""
+def _turns(share, rng):
+    """A number of quarter turns: 0, except for a share of the samples; rarely 2."""
+    if share <= 0 or rng.random() >= share:
+        return 0
+    return int(rng.choice([1, 2, 3], p=[0.45, 0.1, 0.45]))
+
+
+def turned(images, camera, turns):
+    """Images [H, W] or [H, W, C] after counterclockwise quarter turns, and the camera fx, fy, cx, cy after them."""
+    height, width = images[0].shape[:2]
+    for _ in range(turns % 4):
+        fx, fy, cx, cy = camera
+        camera = np.array([fy, fx, cy, width - 1 - cx])
+        height, width = width, height
+    return *(np.ascontiguousarray(np.rot90(image, turns)) for image in images), camera
+
+
+def _crop(view, size, rng):
+    """A crop scaled to `size` (width, height), mirrored half of the time: colour or None, depth in metres, ids,
+    camera."""
     full_height, full_width = view.depth.shape
-    least = max(settings.height / full_height, settings.width / full_width)
+    least = max(size[1] / full_height, size[0] / full_width)
     scale = max(least, np.exp(rng.uniform(np.log(0.8), np.log(1.7))))
-    height, width = int(settings.height / scale), int(settings.width / scale)
+    height, width = int(size[1] / scale), int(size[0] / scale)
     y, x = rng.integers(full_height - height + 1), rng.integers(full_width - width + 1)
     window = (slice(y, y + height), slice(x, x + width))
-    size = (settings.width, settings.height)
     rows, columns = _nearest(height, size[1]), _nearest(width, size[0])
     ids = view.ids[window][rows[:, None], columns[None]]
     z = _depth(view.depth[window].astype(np.float32) / 1000, rows, columns, size)

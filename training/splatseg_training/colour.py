@@ -7,7 +7,7 @@ and textures, patterns are painted across object borders, and light and camera v
 import cv2
 import numpy as np
 
-from .sensor import smooth_noise, white_noise
+from .sensors.fields import smooth_noise, white_noise
 
 
 def recolour(rgb, ids, rng):

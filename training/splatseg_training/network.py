@@ -98,7 +98,7 @@ def _widths(tensors, stem, stage):
 
 @torch.no_grad()
 def _unfolded(tensors):
-    """The network of an exported file. The statistics of its batch norms are lost: train with frozen norms.
+    """The network of an exported file. The statistics of its batch norms are lost: train with frozen or restored norms.
 
     Folding makes the kernels small, so that the usual step sizes would be too large for them. They are scaled to the
     size of trained kernels, and the norms undo the scaling.
@@ -115,6 +115,31 @@ def _unfolded(tensors):
             module.weight.copy_(weight)
             module.bias.copy_(bias)
     return net
+
+
+@torch.no_grad()
+def restore_norms(net, inputs):
+    """Gives the batch norms of an exported file statistics again, those of `inputs` [N, 8, H, W]; changes no output.
+
+    A norm's scale and shift take up the difference, so that it can be trained like one that was never folded.
+    """
+    statistics, hooks = {}, []
+
+    def keep(module, values):
+        statistics[module] = (values[0].mean((0, 2, 3)), values[0].var((0, 2, 3)))
+
+    for module in net.modules():
+        if isinstance(module, nn.BatchNorm2d):
+            hooks.append(module.register_forward_pre_hook(keep))
+    net.eval()(inputs)
+    for hook in hooks:
+        hook.remove()
+    for module, (mean, variance) in statistics.items():
+        before, after = ((value + module.eps).sqrt() for value in (module.running_var, variance))
+        module.bias += module.weight * (mean - module.running_mean) / before
+        module.weight *= after / before
+        module.running_mean.copy_(mean)
+        module.running_var.copy_(variance)
 
 
 def exported(net):

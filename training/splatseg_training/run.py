@@ -14,11 +14,19 @@ DATA_HELP = "labelled folders or patterns of folders; each pattern provides the 
 
 
 def add_options(parser, batch):
-    """Adds the options of every run to an argument parser; `batch` is the default batch size."""
+    """Adds the options of every run on files to an argument parser; `batch` is the default batch size."""
+    parser.add_argument("--data", nargs="+", required=True, metavar="PATTERN", help=DATA_HELP)
+    add_run_options(parser, batch)
+
+
+def add_run_options(parser, batch, must_end=True):
+    """Adds the options of every run that do not depend on where its samples come from.
+
+    With `must_end`, a number of steps or minutes is required.
+    """
     add = parser.add_argument
-    add("--data", nargs="+", required=True, metavar="PATTERN", help=DATA_HELP)
     add("--out", required=True, metavar="RUN", help="folder of the run; if it has a checkpoint, training resumes")
-    end = parser.add_mutually_exclusive_group(required=True)
+    end = parser.add_mutually_exclusive_group(required=must_end)
     end.add_argument("--steps", type=int, help="end after this many steps")
     end.add_argument("--minutes", type=float, help="end after this time; results then depend on the machine's speed")
     add("--seed", type=int, default=0)
@@ -45,12 +53,12 @@ class TrainingRun:
         torch.manual_seed(options.seed)
         net, make_optimisers = self.build()
         self.device = torch.device(options.device)
+        self.step, self.seconds, self.losses = 0, 0.0, []
         self.net = net.to(self.device, memory_format=torch.channels_last)
         if options.start:
             self.start_from(options.start)
         self.average = copy.deepcopy(self.net).eval()
         self.optimisers = make_optimisers(self.net)
-        self.step, self.seconds, self.losses = 0, 0.0, []
         self.resume()
 
     def build(self):
@@ -191,7 +199,7 @@ class TrainingRun:
         path = os.path.join(self.options.out, "checkpoint.pt")
         if not os.path.exists(path):
             return
-        state = torch.load(path, map_location=self.device, weights_only=True)
+        state = torch.load(path, map_location="cpu", weights_only=True)  # loading it below moves it to the device
         for name, value in self.sizes.items():
             if state.get(name) != value:
                 raise ValueError(f"{path}: has {name} {state.get(name)}, not {value}")

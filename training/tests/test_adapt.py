@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file
-from splatseg_training import adapt, augment, clutter, dataset, loader, sensor, train
+from splatseg_training import adapt, affinities, augment, average, clutter, dataset, loader, sensors, train
 from splatseg_training.consensus import Consensus, Rules
 from splatseg_training.export import export, folded
-from splatseg_training.network import AffinityNet, load
+from splatseg_training.network import AffinityNet, load, restore_norms
 
 WIDTHS = (4, 4, 8, 8, 8)
 SHAPE = (60, 80)
@@ -137,7 +137,7 @@ def test_measured_views_are_half_of_the_samples_and_get_no_sensor():
 def test_without_the_sensor_depth_is_not_touched(tmp_path, monkeypatch):
     clutter.write(str(tmp_path), 1, seed=3)
     view = dataset.read_folder(str(tmp_path))[0][1]
-    monkeypatch.setattr(sensor, "measure", lambda *_: pytest.fail("a sensor's noise on measured depth"))
+    monkeypatch.setattr(sensors, "measure", lambda *_: pytest.fail("a sensor's noise on measured depth"))
     for number in range(5):
         augment.sample(view, augment.Settings(sensor=0.0), np.random.default_rng(number))
 
@@ -175,8 +175,6 @@ def test_frozen_norms_keep_their_statistics(tmp_path):
     random_weights(tmp_path / "weights.pt")
     export(str(tmp_path / "weights.pt"), str(tmp_path / "start.safetensors"), -1.0)
     start = str(tmp_path / "start.safetensors")
-    with pytest.raises(SystemExit):
-        train.parse(["--data", "x", "--out", "y", "--steps", "1", "--start", start])
     clutter.write(str(tmp_path / "data"), 2, seed=3)
     fixed = ["--steps", "2", "--batch", "2", "--workers", "0", "--height", "64", "--width", "96"]
     data = ["--data", str(tmp_path / "data"), "--measured", str(tmp_path / "data"), "--out", str(tmp_path / "run")]
@@ -184,6 +182,49 @@ def test_frozen_norms_keep_their_statistics(tmp_path):
     before, after = load(start).state_dict(), load(str(tmp_path / "run" / "weights.pt")).state_dict()
     assert all(torch.allclose(before[name], after[name]) for name in before if "running" in name)
     assert not torch.equal(before["e2.1.a.0.weight"], after["e2.1.a.0.weight"])
+
+
+def test_restored_norms_change_no_output_and_have_the_statistics_of_their_inputs(tmp_path):
+    random_weights(tmp_path / "weights.pt")
+    export(str(tmp_path / "weights.pt"), str(tmp_path / "start.safetensors"), -1.0)
+    net, x = load(str(tmp_path / "start.safetensors")), torch.randn(8, 8, 64, 96) * 2 + 1
+    with torch.no_grad():
+        expected = net(x)
+        restore_norms(net, x)
+        assert (net(x) - expected).abs().max() < 1e-3 * expected.abs().max()
+        # What the norms make of their inputs in training is what they make of them afterwards.
+        assert (net.train()(x) - expected).abs().max() < 0.01 * expected.abs().max()
+
+
+def test_exported_files_are_averaged(tmp_path):
+    for name in ("a", "b"):
+        random_weights(tmp_path / f"{name}.pt")
+        export(str(tmp_path / f"{name}.pt"), str(tmp_path / f"{name}.safetensors"), -1.0)
+    paths = [str(tmp_path / f"{name}.safetensors") for name in ("a", "b", "mean")]
+    average.main([*paths[:2], "--out", paths[2]])
+    first, second, mean = map(load_file, paths)
+    for name, tensor in mean.items():
+        assert torch.allclose(tensor.float(), (first[name].float() + second[name].float()) / 2, atol=2e-3), name
+    assert torch.isfinite(load(paths[2])(torch.zeros(1, 8, 64, 96))).all()
+    with pytest.raises(SystemExit):
+        average.main([paths[0], str(tmp_path / "b.pt"), "--out", paths[2]])
+
+
+def test_a_teacher_sees_exact_depth_and_turned_samples_have_none(tmp_path):
+    clutter.write(str(tmp_path), 1, seed=3)
+    [(_, view)] = dataset.read_folder(str(tmp_path))
+    settings = augment.Settings(height=64, width=96, sensor=0.0, turn=0.0)
+    x, _, exact = augment.sample_with_exact(view, settings, np.random.default_rng(4))
+    assert np.array_equal(x, exact) and x.any()
+    noisy, _, still_exact = augment.sample_with_exact(view, settings._replace(sensor=1.0), np.random.default_rng(5))
+    assert not np.array_equal(noisy, still_exact)
+    assert not augment.sample_with_exact(view, settings._replace(turn=1.0), np.random.default_rng(4))[2].any()
+
+
+def test_a_network_that_says_what_its_teacher_says_does_not_disagree():
+    logits = torch.randn(2, 12, 40, 50)
+    assert affinities.divergence(logits, logits).abs() < 1e-6
+    assert affinities.divergence(logits + 1, logits) > 0.05
 
 
 def options(tmp_path, *extra):
@@ -198,7 +239,7 @@ def test_a_folder_of_something_else_or_of_another_command_is_left_alone(tmp_path
     with pytest.raises(ValueError, match="steps"):
         adapt.claim(options(tmp_path, "--steps", "7"))
     (tmp_path / "out" / "options.json").rename(tmp_path / "out" / "mine.txt")
-    with pytest.raises(ValueError, match="something else"):
+    with pytest.raises(ValueError, match="contains other files"):
         adapt.claim(options(tmp_path))
 
 

@@ -21,7 +21,7 @@ from splatseg_training import (
     counters,
     dataset,
     evaluate,
-    sensor,
+    sensors,
     sheets,
     train,
 )
@@ -162,7 +162,7 @@ def test_the_sensor_keeps_most_of_the_depth_near_its_value():
     ids, camera = np.ones((120, 160), int), np.array([250, 250, 79.5, 59.5])
     shares = []
     for seed in range(30):
-        out = sensor.measure(z, None, ids, camera, np.random.default_rng(seed))
+        out = sensors.measure(z, None, ids, camera, np.random.default_rng(seed))
         shares.append((out > 0).mean())
         assert np.abs(out[out > 0] - 1.5).mean() < 0.05
     assert np.median(shares) > 0.7
