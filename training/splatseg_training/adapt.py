@@ -208,7 +208,7 @@ def fine_tune(folders, options):
     values |= {"threads": options.threads, "workers": options.workers, "out": run}
     arguments = [text for name, value in values.items() for text in ("--" + name, str(value))]
     widths = [convolution.weight.shape[0] for convolution in stages(load(options.start))]
-    arguments += ["--freeze-norms", "--widths", *map(str, widths)]
+    arguments += ["--freeze-norms", "--widths", *map(str, widths), "--turn", "0"]
     arguments += ["--data", *options.replay, "--measured", *map(glob.escape, folders)]
     paths = [os.path.dirname(os.path.dirname(__file__)), os.environ.get("PYTHONPATH")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
