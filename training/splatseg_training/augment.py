@@ -24,11 +24,20 @@ class Settings(NamedTuple):
 
 def sample(view, settings, rng):
     """Network input [8, h, w] float16 and the ids of every second pixel [h/2, w/2] int32."""
-    return sample_with_exact(view, settings, rng)[:2]
+    seen, noisy, _, ids, _ = _view_of_camera(view, settings, rng)
+    return _inputs(noisy, *seen), ids
 
 
 def sample_with_exact(view, settings, rng):
     """A `sample`, and its input with exact depth [8, h, w] float16; all 0 if the sample is turned."""
+    seen, noisy, exact, ids, is_turned = _view_of_camera(view, settings, rng)
+    x = _inputs(noisy, *seen)
+    return x, ids, np.zeros_like(x) if is_turned else _inputs(exact, *seen)
+
+
+def _view_of_camera(view, settings, rng):
+    """What a random camera sees of a crop: colour, camera and the input's channels that are left out; its depth; the
+    exact depth; the ids of every second pixel; whether it is turned."""
     turns = _turns(settings.turn, rng)
     size = (settings.height, settings.width) if turns % 2 else (settings.width, settings.height)
     rgb, z, ids, camera = _crop(view, size, rng)
@@ -48,11 +57,10 @@ def sample_with_exact(view, settings, rng):
         without = slice(0, 3)
     elif choice < settings.no_colour + settings.no_depth:
         without = slice(3, 8)
-    x, exact = (_inputs(rgb, depth, camera, without) for depth in (noisy, exact))
-    return x, ids[::2, ::2].astype(np.int32), exact * (turns == 0)
+    return (rgb, camera, without), noisy, exact, ids[::2, ::2].astype(np.int32), turns != 0
 
 
-def _inputs(rgb, z, camera, without):
+def _inputs(z, rgb, camera, without):
     """The network's input, with 0 in some of its channels."""
     x = inputs(rgb, np.rint(z * 1000).clip(0, 65535).astype(np.uint16), matrix(camera))
     x[without] = 0
