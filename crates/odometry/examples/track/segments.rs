@@ -1,4 +1,4 @@
-//! Segments that tracking is told after each frame, as a method would.
+//! Segments that tracking gets after each frame, as from a method.
 
 use splatseg_geometry::{Pose, SegmentMap};
 

@@ -35,7 +35,7 @@ const MAX_SHIFT: f32 = 40.0;
 /// Most edges are farther away than this, metres.
 const NEAREST: f64 = 0.3;
 
-/// A delay is told if it explains at least this share of the contrast at edges...
+/// A delay is reported if it explains at least this share of the contrast at edges...
 const MIN_GAIN: f64 = 0.12;
 /// ...and makes this share of the frames better.
 const MIN_BETTER: f64 = 0.65;
