@@ -15,6 +15,7 @@ class Settings(NamedTuple):
     height: int = 192  # of a sample
     width: int = 256
     sensor: float = 1.0  # probability of the sensor model
+    noisy: float = 0.0  # share of the sensor's samples with much noise; 1 for weights that are for noisy depth only
     recolour: float = 0.5  # probability that objects get new colours and textures
     no_colour: float = 0.35  # probability that colour is left out
     no_depth: float = 0.05  # probability that depth is left out
@@ -45,7 +46,8 @@ def _view_of_camera(view, settings, rng):
     choice, laid, ground, bare = rng.random(), [], ids, z
     if choice >= settings.no_colour and rng.random() < settings.sheets:
         z, ids, laid = sheets.lay(z, ids, camera, rng)
-    noisy = sensors.measure(z, rgb, ids, camera, rng) if rng.random() < settings.sensor else z
+    is_measured = rng.random() < settings.sensor
+    noisy = sensors.measure(z, rgb, ids, camera, rng, settings.noisy) if is_measured else z
     if choice < settings.no_colour:
         rgb = np.zeros((*ids.shape, 3), np.uint8)
     else:

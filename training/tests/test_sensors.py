@@ -368,3 +368,11 @@ def test_pictures_of_all_models_are_written(tmp_path):
     __main__.main([folder, "--out", str(out), "--real", folder, "--views", "1"])
     assert cv2.imread(str(out / "models-0.png")).shape == (4 * 240, 6 * 320, 3)
     assert cv2.imread(str(out / "scenes-0.png")).shape == (240, 3 * 320, 3)
+
+
+def test_noisy_cameras_have_noise():
+    drawn = [cameras.draw_noisy(rng(seed)) for seed in range(300)]
+    assert {camera.kind for camera in drawn} == set(cameras.NOISY_SHARES)
+    assert min(camera.strength for camera in drawn) >= cameras.NOISY
+    noises = [camera.model.deviation for camera in drawn if camera.kind == "noise"]
+    assert min(noises) > 0.007

@@ -4,7 +4,7 @@
 use crate::peak_memory::peak_memory_mib;
 use anyhow::Context;
 use splatseg_dataset::{FrameStream, GroundTruth, open_scene};
-use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, Segmenter};
+use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeights, Segmenter};
 use std::path::PathBuf;
 use std::time::Instant;
 
@@ -25,7 +25,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let scene = open_scene(&arguments.scene, &dataset)?;
     let frames = FrameStream::open(scene, &dataset, GroundTruth::Skip)?.collect::<Result<Vec<_>, _>>()?;
     let start = Instant::now();
-    let mut segmenter = AffinitySegmenter::new(AffinityNetwork::built_in()?, AffinitySettings::default())?;
+    let mut segmenter =
+        AffinitySegmenter::new(AffinityNetwork::load(&AffinityWeights::BuiltIn)?, AffinitySettings::default())?;
     let load = milliseconds(start);
     let first = &frames.first().context("the scene has no frame")?.frame;
     let size = (first.width(), first.height());

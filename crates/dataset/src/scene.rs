@@ -2,6 +2,7 @@
 
 use crate::error::DEPTH_IMAGE;
 use crate::{CorrectedPose, DatasetError, Format};
+use glam::DVec3;
 use splatseg_geometry::{CameraFrame, Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::fmt::Debug;
 use std::ops::Range;
@@ -46,6 +47,12 @@ pub trait Scene: Debug + Send + Sync {
     /// Returns true if at least one frame is expected to have a pose. Reads no frame.
     fn has_poses(&self) -> bool {
         true
+    }
+
+    /// Returns the direction that is up in the world of the scene's poses, a unit vector, if the format defines it: phones
+    /// measure gravity. Reads no frame.
+    fn world_up(&self) -> Option<DVec3> {
+        None
     }
 
     /// Returns the frames without a pose in a scene that has others, one entry per reason, as far as this was known when

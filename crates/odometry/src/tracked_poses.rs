@@ -7,6 +7,7 @@ use crate::plausibility::ImageUse;
 use crate::tracked_frame::TrackedFrame;
 use crate::upright::Upright;
 use crate::{CameraPose, Odometry, PoseEvent, PoseState};
+use glam::DVec3;
 use splatseg_geometry::{CameraFrame, FrameAnchor, MapCorrection, Pose, PoseFormat};
 use splatseg_settings::choices;
 
@@ -75,6 +76,14 @@ impl TrackedPoses {
     #[must_use]
     pub fn with_pose_format(mut self, format: PoseFormat) -> Self {
         self.checks = InputChecks::new(format);
+        self
+    }
+
+    /// Tells which direction is up in the world of the given poses, a unit vector. Then images of a camera that is held
+    /// sideways are known to be so from the first frame on.
+    #[must_use]
+    pub fn with_world_up(mut self, up: DVec3) -> Self {
+        self.upright = Upright::measured(up);
         self
     }
 

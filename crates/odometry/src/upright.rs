@@ -3,7 +3,7 @@
 //! Every surface votes for the direction that it faces, in world axes. A floor is seen at a slant as long as the camera
 //! is held level, whichever way the camera looks; a wall is seen face to face sooner or later, and then votes against
 //! itself. So the floor wins once the camera has looked around. Before that, frames are taken to be upright as they are,
-//! as nearly all are.
+//! as nearly all are. Where the world of the given poses has a known up, as phones measure gravity, nothing is searched.
 
 use glam::{DVec3, Vec2, Vec3};
 use serde::{Deserialize, Serialize};
@@ -56,6 +56,8 @@ pub(crate) struct Upright {
 struct UprightState {
     /// Up in the world, once it is known.
     up: Option<DVec3>,
+    /// True if gravity was measured, so that no surface has to vote.
+    is_measured: bool,
     turn: QuarterTurn,
 }
 
@@ -66,6 +68,11 @@ impl Default for Upright {
 }
 
 impl Upright {
+    /// Up is known from the first frame on. `up` is a unit vector in the world.
+    pub(crate) fn measured(up: DVec3) -> Self {
+        Self { state: UprightState { up: Some(up), is_measured: true, turn: QuarterTurn::None }, ..Self::default() }
+    }
+
     /// The turn after which the camera's images are upright, as far as it is known.
     pub(crate) fn turn(&self) -> QuarterTurn {
         self.state.turn
@@ -73,18 +80,20 @@ impl Upright {
 
     /// Begins a map whose axes have nothing to do with those of the last one. The camera is held as before.
     pub(crate) fn start_map(&mut self) {
-        *self = Self { state: UprightState { up: None, turn: self.state.turn }, ..Self::default() };
+        *self = Self { state: UprightState { turn: self.state.turn, ..Default::default() }, ..Self::default() };
     }
 
     /// Adds a frame whose pose is known.
     pub(crate) fn add(&mut self, frame: &CameraFrame<'_>, world_from_camera: &Pose) {
         let rotation = world_from_camera.rotation().as_mat3();
-        self.looked[cell(rotation.z_axis)] = true;
-        for normal in normals(frame) {
-            self.votes[cell(rotation * normal)] += 1.0 - normal.z * normal.z / FACING;
-        }
         let to_camera = rotation.transpose();
-        self.decide(|world| to_camera * world);
+        if !self.state.is_measured {
+            self.looked[cell(rotation.z_axis)] = true;
+            for normal in normals(frame) {
+                self.votes[cell(rotation * normal)] += 1.0 - normal.z * normal.z / FACING;
+            }
+            self.decide(|world| to_camera * world);
+        }
         if let Some(up) = self.state.up {
             self.state.turn = kept_turn(self.state.turn, to_camera * up.as_vec3());
         }
@@ -240,6 +249,22 @@ mod tests {
         let held = DQuat::from_rotation_z(f64::from(turn.inverse().degrees()).to_radians());
         let pose = pose * Pose::from_matrix(DMat4::from_quat(held)).unwrap();
         (frame.turned(turn), pose)
+    }
+
+    #[test]
+    fn measured_gravity_decides_at_once() {
+        for turn in QuarterTurn::ALL {
+            let mut upright = Upright::measured(DVec3::Z);
+            let (frame, pose) = view(30.0, turn);
+            upright.add(&frame, &pose);
+            assert_eq!(upright.turn(), turn.inverse());
+            // It is saved, and another map has other axes.
+            let mut restored = Upright::of_block(&upright.block()).unwrap();
+            assert!(restored.state.is_measured);
+            restored.start_map();
+            assert_eq!((restored.state.up, restored.state.is_measured), (None, false));
+            assert_eq!(restored.turn(), turn.inverse());
+        }
     }
 
     #[test]

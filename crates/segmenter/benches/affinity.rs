@@ -5,7 +5,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
 use splatseg_geometry::CameraFrame;
-use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, Segmenter};
+use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeights, Segmenter};
 use splatseg_test_scenes::demo_clip;
 
 /// The first frame of the demo.
@@ -18,7 +18,7 @@ fn frame() -> CameraFrame<'static> {
 
 fn stages(criterion: &mut Criterion) {
     let frame = frame();
-    let network = AffinityNetwork::built_in().expect("built-in weights");
+    let network = AffinityNetwork::load(&AffinityWeights::BuiltIn).expect("built-in weights");
     let mut segmenter = AffinitySegmenter::new(network, AffinitySettings::default()).expect("settings");
     let mut group = criterion.benchmark_group("affinity");
     group.sample_size(30);

@@ -2,9 +2,10 @@
 //! accordingly.
 //!
 //! 1. [`resolution`] and [`inputs`]: the frame, by default at most 320×240 pixels, as eight channels.
-//! 2. [`network`]: log-odds that a pixel and each of its partners at twelve offsets belong to one object, at half that
+//! 2. [`noise`]: how noisy the depth is, which decides between two sets of weights.
+//! 3. [`network`]: log-odds that a pixel and each of its partners at twelve offsets belong to one object, at half that
 //!    size.
-//! 3. [`regions`] and [`agglomeration`]: pixels are grouped into small regions, and regions are merged while the mean
+//! 4. [`regions`] and [`agglomeration`]: pixels are grouped into small regions, and regions are merged while the mean
 //!    log-odds between two of them are above a threshold. Every pixel belongs to one segment.
 //!
 //! The network on the CPU does not use Burn. Its inputs and outputs are compared with those of the training code in
@@ -20,6 +21,7 @@ mod device_network;
 mod grid;
 mod inputs;
 mod network;
+mod noise;
 mod regions;
 mod resolution;
 mod settings;
@@ -31,7 +33,7 @@ mod weights;
 pub use agglomeration::{MergeTree, Partition};
 pub use network::AffinityNetwork;
 pub use settings::AffinitySettings;
-pub use weights::AffinityWeightsError;
+pub use weights::{AffinityWeights, AffinityWeightsError};
 
 use crate::{Detail, Segmenter, SegmenterError};
 use grid::Grid;
@@ -52,6 +54,10 @@ const REGION_THRESHOLD: f32 = -0.5;
 /// well.
 #[derive(Clone, Debug)]
 pub struct AffinitySegmenter {
+    usual: AffinityNetwork,
+    /// The network for frames with noisy depth.
+    noisy_depth: Option<AffinityNetwork>,
+    /// The one of the two for the latest frame.
     network: AffinityNetwork,
     settings: AffinitySettings,
     detail: Detail,
@@ -68,7 +74,15 @@ impl AffinitySegmenter {
     pub fn new(network: AffinityNetwork, settings: AffinitySettings) -> Result<Self, SegmenterError> {
         let settings = settings.validated()?;
         let (input, grid, memory) = (FeatureMap::default(), Grid::default(), NetworkMemory::default());
-        Ok(Self { network, settings, detail: Detail::Normal, input, grid, memory })
+        let usual = network.clone();
+        Ok(Self { usual, noisy_depth: None, network, settings, detail: Detail::Normal, input, grid, memory })
+    }
+
+    /// Sets another network for frames whose depth is noisier than [`AffinitySettings::noisy_depth`].
+    #[must_use]
+    pub fn with_noisy_depth(mut self, network: AffinityNetwork) -> Self {
+        self.noisy_depth = Some(network);
+        self
     }
 
     /// Sets how finely frames are segmented, on top of the threshold of the settings.
@@ -86,8 +100,12 @@ impl AffinitySegmenter {
     /// Computes the network's input for a frame, `[8, height, width]`: colour, inverse depth, validity and normals.
     pub fn inputs(&mut self, frame: &CameraFrame) -> &FeatureMap {
         let scaled = ScaledFrame::new(frame, self.settings.max_pixels);
-        inputs::compute(&scaled, &mut self.input);
+        let smooth = inputs::compute(&scaled, &mut self.input);
         self.grid = Grid::new((self.input.height(), self.input.width()));
+        let is_noisy =
+            || noise::depth_noise(&scaled.depth, &smooth).is_some_and(|noise| noise > self.settings.noisy_depth);
+        let noisy_depth = self.noisy_depth.as_ref().filter(|_| is_noisy());
+        self.network = noisy_depth.unwrap_or(&self.usual).clone();
         &self.input
     }
 

@@ -16,7 +16,9 @@ mod fastsam;
 mod graph;
 mod masks;
 
-pub use affinity::{AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeightsError, MergeTree, Partition};
+pub use affinity::{
+    AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeights, AffinityWeightsError, MergeTree, Partition,
+};
 pub use detail::Detail;
 pub use error::SegmenterError;
 pub use fastsam::FastSamSegmenter;

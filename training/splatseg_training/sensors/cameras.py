@@ -8,6 +8,8 @@ from . import lidar, losses, noise, registration, stereo, structured_light, time
 from .scene import Scene
 
 UNTOUCHED = 0.07  # share of the samples with exact depth
+NOISY = 0.5  # least strength of noisy cameras: 0.7 cm at 2 m
+NOISY_SHARES = {"stereo": 0.55, "noise": 0.4, "time of flight": 0.05}  # of the noisy cameras
 MILD = 0.4  # strengths up to this are mild, those above it harsh
 SHARES = {  # of the samples: mild, harsh; with the untouched ones, half of the samples are at most mild
     "structured light": (0.25, 0.04),
@@ -44,6 +46,12 @@ def draw(rng):
     return draw_camera("noise", _strength(True, rng), rng)  # the shares' rounding errors
 
 
+def draw_noisy(rng):
+    """A random camera with much noise."""
+    kind = str(rng.choice(list(NOISY_SHARES), p=list(NOISY_SHARES.values())))
+    return draw_camera(kind, rng.uniform(NOISY, 1), rng)
+
+
 def _strength(harsh, rng):
     """A strength; harsh ones are rather strong, as the network has most to learn there."""
     return MILD + (1 - MILD) * np.sqrt(rng.random()) if harsh else rng.uniform(0, MILD)
@@ -71,12 +79,13 @@ def draw_camera(kind, strength, rng):
     )
 
 
-def measure(z, colour, ids, camera, rng):
+def measure(z, colour, ids, camera, rng, noisy=0.0):
     """The depth a random camera measures, in metres [H, W] float32, 0 = missing.
 
-    `z` [H, W] metres (0 = missing), `colour` [H, W, 3] uint8 or None, `ids` [H, W], `camera` fx, fy, cx, cy.
+    `z` [H, W] metres (0 = missing), `colour` [H, W, 3] uint8 or None, `ids` [H, W], `camera` fx, fy, cx, cy. `noisy` is
+    the probability of a camera with much noise.
     """
-    drawn = draw(rng)
+    drawn = draw_noisy(rng) if noisy > 0 and rng.random() < noisy else draw(rng)
     return z if drawn is None else measure_with(drawn, Scene(z, colour, ids, camera), rng)
 
 

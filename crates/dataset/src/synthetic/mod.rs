@@ -225,6 +225,10 @@ impl Scene for SyntheticScene {
             .into_frame()
     }
 
+    fn world_up(&self) -> Option<DVec3> {
+        Some(DVec3::Z)
+    }
+
     fn has_ground_truth(&self) -> bool {
         true
     }

@@ -54,8 +54,9 @@ const NEIGHBOURS: [(usize, usize, f32); 13] = [
     (4, 2, 0.5),
 ];
 
-/// Writes the input of a frame to `map`, which is reshaped to `[8, height, width]`.
-pub(super) fn compute(frame: &ScaledFrame<'_>, map: &mut FeatureMap) {
+/// Writes the input of a frame to `map`, which is reshaped to `[8, height, width]`. Returns the smoothed depth, metres,
+/// which is extended into holes; empty if no pixel has depth.
+pub(super) fn compute(frame: &ScaledFrame<'_>, map: &mut FeatureMap) -> Vec<f32> {
     let (width, height) = frame.color.size();
     map.reshape(CHANNELS, height, width);
     let depth = measured(&frame.depth);
@@ -66,7 +67,7 @@ pub(super) fn compute(frame: &ScaledFrame<'_>, map: &mut FeatureMap) {
             write_color(frame.color.row(row), &mut channels);
             channels.iter_mut().skip(3).for_each(|values| values.fill(0.0));
         });
-        return;
+        return Vec::new();
     };
     let filled = fill_holes(depth, width);
     let smooth = smoothed(&filled, width, instructions);
@@ -85,6 +86,7 @@ pub(super) fn compute(frame: &ScaledFrame<'_>, map: &mut FeatureMap) {
             || write_normals(&smooth, camera, row, &mut rest[1..]),
         );
     });
+    smooth
 }
 
 /// Depth in metres, clamped to [`FARTHEST`]. `None` if no pixel has depth.

@@ -9,12 +9,11 @@
 
 use super::device_network::DeviceNetwork;
 use super::grid::Grid;
-use super::weights::{AffinityWeightsError, BUILT_IN, Layer, MAX_BYTES, Offset, Weights};
+use super::weights::{AffinityWeights, AffinityWeightsError, Layer, Offset, Weights};
 use crate::SegmenterError;
 use splatseg_kernels::feature_map::{FeatureMap, MapConvolution, add_doubled, mean_per_channel};
 use splatseg_kernels::{Activation, Instructions};
 use splatseg_models::device::Device;
-use std::path::Path;
 use std::sync::Arc;
 
 /// A network that predicts which pixels belong to the same object. Clones share its weights.
@@ -74,35 +73,26 @@ struct LevelMemory {
 }
 
 impl AffinityNetwork {
-    /// Creates a network with the built-in weights, on the CPU.
+    /// Loads weights on the CPU.
     ///
     /// # Errors
-    /// Never (checked by a test).
-    pub fn built_in() -> Result<Self, AffinityWeightsError> {
-        Self::parse(BUILT_IN, "built-in weights", None)
+    /// If the file cannot be read, or a tensor is missing or its shape does not match the others; never for built-in
+    /// weights (checked by a test).
+    pub fn load(weights: &AffinityWeights) -> Result<Self, AffinityWeightsError> {
+        Self::placed(weights, None)
     }
 
-    /// Loads a `.safetensors` file written by `training/splatseg_training/export.py`, on the CPU.
+    /// Loads weights on a device. The log-odds differ from those on the CPU by rounding.
     ///
     /// # Errors
-    /// If the file cannot be read, or a tensor is missing or its shape does not match the others.
-    pub fn open(path: &Path) -> Result<Self, AffinityWeightsError> {
-        Self::parse(&read(path)?, &path.display().to_string(), None)
+    /// As [`load`](Self::load); [`AffinityWeightsError::Device`] without the feature `networks`.
+    pub fn load_on_device(weights: &AffinityWeights, device: &Device) -> Result<Self, AffinityWeightsError> {
+        Self::placed(weights, Some(device))
     }
 
-    /// Loads a file, or the built-in weights, on a device. The log-odds differ from those on the CPU by rounding.
-    ///
-    /// # Errors
-    /// As [`open`](Self::open); [`AffinityWeightsError::Device`] without the feature `networks`.
-    pub fn on_device(path: Option<&Path>, device: &Device) -> Result<Self, AffinityWeightsError> {
-        match path {
-            Some(path) => Self::parse(&read(path)?, &path.display().to_string(), Some(device)),
-            None => Self::parse(BUILT_IN, "built-in weights", Some(device)),
-        }
-    }
-
-    fn parse(bytes: &[u8], file: &str, device: Option<&Device>) -> Result<Self, AffinityWeightsError> {
-        let weights = Weights::parse(bytes, file)?;
+    fn placed(weights: &AffinityWeights, device: Option<&Device>) -> Result<Self, AffinityWeightsError> {
+        let (bytes, file) = weights.read()?;
+        let weights = Weights::parse(&bytes, &file)?;
         let (layers, outputs) = match device {
             None => {
                 let layers = Layers::<MapConvolution>::load(&weights, &())?;
@@ -139,11 +129,6 @@ impl AffinityNetwork {
         }
         Ok(())
     }
-}
-
-fn read(path: &Path) -> Result<Vec<u8>, AffinityWeightsError> {
-    let read = splatseg_files::read_file(path, MAX_BYTES);
-    read.map_err(|source| AffinityWeightsError::Read { path: path.to_owned(), source })
 }
 
 impl Layers<MapConvolution> {

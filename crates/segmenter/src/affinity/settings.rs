@@ -13,5 +13,8 @@ settings! {
         /// Frames with more pixels are segmented at a lower resolution, with at most this many. The network was trained
         /// on 320×240.
         max_pixels: usize = 76_800, Allowed::between(1.0, 1e7);
+        /// Frames whose depth, once smoothed, deviates from planes by more than this at a distance of 2 m, metres, are
+        /// segmented with weights for noisy depth, such as that of a stereo camera. Only the built-in weights have those.
+        noisy_depth: f64 = 0.006, Allowed::between(0.0, 1e6);
     }
 }

@@ -5,13 +5,12 @@ use super::grid::Grid;
 use super::network::{AffinityNetwork, NetworkMemory};
 use super::regions::RegionGraph;
 use super::resolution::ScaledFrame;
-use super::weights::{BUILT_IN, Offset};
+use super::weights::Offset;
 use super::*;
 use safetensors::SafeTensors;
 use splatseg_geometry::{CameraFrame, CowImage, Image, Intrinsics};
 #[cfg(feature = "networks")]
 use splatseg_models::device::DeviceName;
-use std::path::Path;
 
 const SIZES: [(usize, usize); 4] = [(64, 48), (70, 50), (65, 33), (5, 3)];
 
@@ -84,7 +83,7 @@ fn without_depth_its_channels_are_zero() {
 #[test]
 fn log_odds_are_those_of_pytorch() {
     let golden = Golden::open();
-    let network = AffinityNetwork::built_in().unwrap();
+    let network = AffinityNetwork::load(&AffinityWeights::BuiltIn).unwrap();
     let mut memory = NetworkMemory::default();
     for size in SIZES {
         let input = map_from_values(&golden.numbers(size, "inputs"), 8, size);
@@ -97,7 +96,7 @@ fn log_odds_are_those_of_pytorch() {
 #[test]
 fn burns_operations_give_the_log_odds_of_pytorch() {
     let golden = Golden::open();
-    let network = AffinityNetwork::on_device(None, &DeviceName::Cpu.open().unwrap()).unwrap();
+    let network = AffinityNetwork::load_on_device(&AffinityWeights::BuiltIn, &DeviceName::Cpu.open().unwrap()).unwrap();
     let mut memory = NetworkMemory::default();
     for size in SIZES {
         let input = map_from_values(&golden.numbers(size, "inputs"), 8, size);
@@ -214,7 +213,8 @@ fn threads_do_not_change_a_bit() {
             settings.min_area = 1;
             settings.max_pixels = 3000;
         });
-        let mut segmenter = AffinitySegmenter::new(AffinityNetwork::built_in().unwrap(), settings).unwrap();
+        let mut segmenter =
+            AffinitySegmenter::new(AffinityNetwork::load(&AffinityWeights::BuiltIn).unwrap(), settings).unwrap();
         pool.install(|| segmenter.segment(&frame).unwrap().masks)
     };
     let alone = segment(1);
@@ -225,20 +225,59 @@ fn threads_do_not_change_a_bit() {
 /// Replaces a text in the header of the built-in weights. Returns the resulting error without the path.
 fn changed(from: &str, to: &str) -> String {
     assert_eq!(from.len(), to.len());
-    let mut bytes = BUILT_IN.to_vec();
+    let mut bytes = AffinityWeights::BuiltIn.read().unwrap().0.into_owned();
     let place = bytes.windows(from.len()).position(|part| part == from.as_bytes()).unwrap();
     bytes[place..place + to.len()].copy_from_slice(to.as_bytes());
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("weights.safetensors");
     std::fs::write(&path, bytes).unwrap();
-    let error = AffinityNetwork::open(&path).unwrap_err().to_string();
+    let error = AffinityNetwork::load(&AffinityWeights::File(path.clone())).unwrap_err().to_string();
     assert!(error.starts_with(path.to_str().unwrap()), "{error}");
     error[path.to_str().unwrap().len()..].to_owned()
 }
 
 #[test]
+fn built_in_weights_are_small_and_of_one_shape() {
+    let networks = [AffinityWeights::BuiltIn, AffinityWeights::NoisyDepth].map(|weights| {
+        assert!(weights.read().unwrap().0.len() <= 2 << 20);
+        AffinityNetwork::load(&weights).unwrap()
+    });
+    assert_eq!(networks[0].offsets, networks[1].offsets);
+    assert_eq!(networks[0].threshold, networks[1].threshold);
+}
+
+#[test]
+fn noisy_depth_has_a_network_of_its_own() {
+    let network = |weights| AffinityNetwork::load(&weights).unwrap();
+    let alone = |weights| AffinitySegmenter::new(network(weights), AffinitySettings::default()).unwrap();
+    let (mut usual, mut noisy) = (alone(AffinityWeights::BuiltIn), alone(AffinityWeights::NoisyDepth));
+    let mut both = alone(AffinityWeights::BuiltIn).with_noisy_depth(network(AffinityWeights::NoisyDepth));
+    let camera = Intrinsics { fx: 100.0, fy: 100.0, cx: 64.0, cy: 48.0, width: 128, height: 96 };
+    let frame = |noise: f32| {
+        let mut state = 1_u32;
+        let depth = Image::from_fn(128, 96, |column, _| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            2.0 + column as f32 * 0.01 + noise * (state >> 8) as f32 / (1 << 24) as f32
+        });
+        let color = Image::from_fn(128, 96, |column, row| [(column * 2) as u8, (row * 2) as u8, 90]);
+        CameraFrame::new("0", color, depth, camera).unwrap()
+    };
+    // From noisy to calm and back: each frame is judged by itself.
+    for noise in [0.2, 0.0, 0.2] {
+        let frame = frame(noise);
+        let found = both.segment(&frame).unwrap();
+        let [usual, noisy] = [&mut usual, &mut noisy].map(|segmenter| segmenter.segment(&frame).unwrap());
+        assert_ne!(usual.affinities, noisy.affinities);
+        assert_eq!(found.affinities, if noise > 0.0 { noisy.affinities } else { usual.affinities });
+    }
+    let settings = AffinitySettings { noisy_depth: 1e6, ..AffinitySettings::default() };
+    let mut calm = AffinitySegmenter::new(network(AffinityWeights::BuiltIn), settings).unwrap();
+    calm = calm.with_noisy_depth(network(AffinityWeights::NoisyDepth));
+    assert_eq!(calm.segment(&frame(0.2)).unwrap().affinities, usual.segment(&frame(0.2)).unwrap().affinities);
+}
+
+#[test]
 fn wrong_weights_are_named() {
-    assert!(BUILT_IN.len() <= 4 << 20);
     let missing = changed("\"d0.1.bias\"", "\"d0.1.bier\"");
     assert_eq!(missing, ": tensor d0.1.bias: found nothing, expected a tensor");
     let shape = changed("[16,8,3,3]", "[16,3,8,3]");
@@ -246,6 +285,6 @@ fn wrong_weights_are_named() {
     let offsets = changed("[0, 1], [1, 0]", "[0, 1], [0, 0]");
     assert!(offsets.starts_with(": offsets in the metadata: found [[0, 1], [0, 0]"), "{offsets}");
     assert_eq!(changed("-2.25", "-2.x5"), ": threshold in the metadata: found -2.x5, expected a number");
-    let nowhere = AffinityNetwork::open(Path::new("nowhere.safetensors")).unwrap_err().to_string();
+    let nowhere = AffinityNetwork::load(&AffinityWeights::File("nowhere.safetensors".into())).unwrap_err().to_string();
     assert!(nowhere.starts_with("cannot read nowhere.safetensors"), "{nowhere}");
 }

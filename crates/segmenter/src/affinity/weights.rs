@@ -5,13 +5,42 @@ use safetensors::{Dtype, SafeTensors};
 use splatseg_kernels::feature_map::MapConvolution;
 use splatseg_kernels::{Activation, Instructions};
 use splatseg_models::device::DeviceError;
+use std::borrow::Cow;
 use std::path::PathBuf;
 use thiserror::Error;
 
 /// The weights built into the program, made by `training/splatseg_training/export.py`.
-pub(super) static BUILT_IN: &[u8] = include_bytes!("weights.safetensors");
+static BUILT_IN: &[u8] = include_bytes!("weights.safetensors");
+/// The built-in weights for noisy depth, made by `training/splatseg_training/average.py`.
+static NOISY_DEPTH: &[u8] = include_bytes!("weights_noisy_depth.safetensors");
 /// Maximum size of a weights file, bytes.
-pub(super) const MAX_BYTES: u64 = 256 << 20;
+const MAX_BYTES: u64 = 256 << 20;
+
+/// Where the weights of an affinity network come from.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum AffinityWeights {
+    /// Built into the program.
+    #[default]
+    BuiltIn,
+    /// Built into the program, for frames with noisy depth.
+    NoisyDepth,
+    /// A `.safetensors` file written by `training/splatseg_training/export.py`.
+    File(PathBuf),
+}
+
+impl AffinityWeights {
+    /// Reads the file if it is one. Also returns its name for messages.
+    pub(super) fn read(&self) -> Result<(Cow<'static, [u8]>, String), AffinityWeightsError> {
+        match self {
+            Self::BuiltIn => Ok((BUILT_IN.into(), "built-in weights".to_owned())),
+            Self::NoisyDepth => Ok((NOISY_DEPTH.into(), "built-in weights for noisy depth".to_owned())),
+            Self::File(path) => match splatseg_files::read_file(path, MAX_BYTES) {
+                Ok(bytes) => Ok((bytes.into(), path.display().to_string())),
+                Err(source) => Err(AffinityWeightsError::Read { path: path.clone(), source }),
+            },
+        }
+    }
+}
 
 /// Errors loading weights of the affinity network.
 #[derive(Debug, Error)]

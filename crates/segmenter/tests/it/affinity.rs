@@ -2,7 +2,9 @@
 
 use glam::Vec3;
 use splatseg_geometry::{Image, Pose, RgbdFrame, ScoredMask};
-use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, Segmenter, SegmenterError};
+use splatseg_segmenter::{
+    AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeights, Segmenter, SegmenterError,
+};
 use splatseg_test_scenes::camera;
 
 fn frame(color: Image<[u8; 3]>, depth: Image<f32>) -> RgbdFrame<'static> {
@@ -11,7 +13,11 @@ fn frame(color: Image<[u8; 3]>, depth: Image<f32>) -> RgbdFrame<'static> {
 }
 
 fn segment(frame: &RgbdFrame, settings: AffinitySettings) -> Vec<ScoredMask> {
-    AffinitySegmenter::new(AffinityNetwork::built_in().unwrap(), settings).unwrap().segment(frame).unwrap().masks
+    AffinitySegmenter::new(AffinityNetwork::load(&AffinityWeights::BuiltIn).unwrap(), settings)
+        .unwrap()
+        .segment(frame)
+        .unwrap()
+        .masks
 }
 
 /// A box in front of a wall, 320×240 times `scale`.
@@ -74,6 +80,7 @@ fn a_lower_threshold_makes_fewer_segments() {
 #[test]
 fn settings_are_checked() {
     let settings = AffinitySettings::default().with(|settings| settings.max_pixels = 0);
-    let error = AffinitySegmenter::new(AffinityNetwork::built_in().unwrap(), settings).unwrap_err();
+    let error =
+        AffinitySegmenter::new(AffinityNetwork::load(&AffinityWeights::BuiltIn).unwrap(), settings).unwrap_err();
     assert!(matches!(error, SegmenterError::Setting(_)), "{error}");
 }

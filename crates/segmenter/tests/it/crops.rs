@@ -2,7 +2,7 @@
 
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, Scene, open_scene};
 use splatseg_geometry::{CameraFrame, Candidate, Image, Ratio, best_assignment};
-use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, Segmenter};
+use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeights, Segmenter};
 use splatseg_test_scenes::{room, shared};
 use std::collections::BTreeMap;
 
@@ -53,7 +53,7 @@ fn matched(one: &Image<u64>, other: &Image<u64>) -> Vec<f64> {
 
 /// For each crop of one to eight pixels, the IoUs of the masks matched with those of the whole frames.
 fn ious_by_crop(frames: &[CameraFrame<'_>]) -> Vec<Vec<f64>> {
-    let network = AffinityNetwork::built_in().unwrap();
+    let network = AffinityNetwork::load(&AffinityWeights::BuiltIn).unwrap();
     let mut segmenter = AffinitySegmenter::new(network, AffinitySettings::default()).unwrap();
     let mut ious: Vec<Vec<f64>> = vec![Vec::new(); MOST];
     for frame in frames {

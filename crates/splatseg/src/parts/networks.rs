@@ -5,7 +5,7 @@ use splatseg_models::checkpoint::Checkpoint;
 use splatseg_models::device::DeviceName;
 use splatseg_models::fastsam::{FastSamPredictor, FastSamPredictorSettings};
 use splatseg_models::sam2::{MemoryPooling, Sam2Network};
-use splatseg_segmenter::{AffinityNetwork, SegmenterError};
+use splatseg_segmenter::{AffinityNetwork, AffinityWeights, SegmenterError};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -13,10 +13,13 @@ use std::sync::{Mutex, PoisonError};
 /// is kept.
 #[derive(Debug, Default)]
 pub struct LoadedNetworks {
-    affinity: Latest<(Option<PathBuf>, DeviceName), AffinityNetwork>,
+    affinity: Latest<(Option<PathBuf>, DeviceName), AffinityNetworks>,
     fastsam: Latest<(PathBuf, FastSamPredictorSettings, DeviceName), FastSamPredictor>,
     sam2: Latest<(PathBuf, Option<usize>, MemoryPooling, DeviceName), Sam2Network>,
 }
+
+/// An affinity network, and that for frames with noisy depth.
+type AffinityNetworks = (AffinityNetwork, Option<AffinityNetwork>);
 
 /// The network that was loaded last, and its key.
 #[derive(Debug)]
@@ -41,18 +44,21 @@ impl<K: PartialEq, N: Clone> Latest<K, N> {
 }
 
 impl LoadedNetworks {
-    /// Returns the affinity network of a file, or the one with built-in weights.
+    /// Returns the affinity network of a file, or the one with built-in weights and that for noisy depth.
     ///
     /// # Errors
-    /// If it cannot be loaded.
-    pub(crate) fn affinity(&self, weights: Option<&Path>, device: DeviceName) -> Result<AffinityNetwork, PartError> {
+    /// If they cannot be loaded.
+    pub(crate) fn affinity(&self, weights: Option<&Path>, device: DeviceName) -> Result<AffinityNetworks, PartError> {
         self.affinity.get((weights.map(Path::to_owned), device), |(weights, device)| {
-            let network = match (device, weights) {
-                (DeviceName::Cpu, None) => AffinityNetwork::built_in(),
-                (DeviceName::Cpu, Some(weights)) => AffinityNetwork::open(weights),
-                (device, weights) => AffinityNetwork::on_device(weights.as_deref(), &device.open()?),
+            let load = |weights: &AffinityWeights| match device {
+                DeviceName::Cpu => AffinityNetwork::load(weights),
+                device => AffinityNetwork::load_on_device(weights, &device.open()?),
             };
-            Ok(network.map_err(SegmenterError::from)?)
+            let load = |weights| load(&weights).map_err(SegmenterError::from);
+            Ok(match weights {
+                Some(file) => (load(AffinityWeights::File(file.clone()))?, None),
+                None => (load(AffinityWeights::BuiltIn)?, Some(load(AffinityWeights::NoisyDepth)?)),
+            })
         })
     }
 

@@ -63,8 +63,12 @@ impl PartSection<dyn Segmenter> for AffinitySettings {
     const IS_NETWORK: bool = true;
 
     fn build(&self, files: &PartFiles, context: &PartContext<'_>) -> Result<Box<dyn Segmenter>, PartError> {
-        let network = context.networks.affinity(files.get(&WEIGHTS_OF_AFFINITY), context.device)?;
-        Ok(Box::new(AffinitySegmenter::new(network, self.clone())?.with_detail(context.detail)))
+        let (network, noisy_depth) = context.networks.affinity(files.get(&WEIGHTS_OF_AFFINITY), context.device)?;
+        let mut segmenter = AffinitySegmenter::new(network, self.clone())?.with_detail(context.detail);
+        if let Some(network) = noisy_depth {
+            segmenter = segmenter.with_noisy_depth(network);
+        }
+        Ok(Box::new(segmenter))
     }
 }
 

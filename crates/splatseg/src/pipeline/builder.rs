@@ -62,7 +62,8 @@ impl<'a> PipelineBuilder<'a> {
         }
     }
 
-    /// Sets the scene whose ground truth is read by the oracle segmenter, the simulated tracker and ground-truth prompts.
+    /// Sets the scene whose ground truth is read by the oracle segmenter, the simulated tracker and ground-truth prompts,
+    /// and whose world may have a known up.
     #[must_use]
     pub fn scene(mut self, scene: &Arc<dyn Scene>) -> Self {
         self.scene = Some(Arc::clone(scene));
@@ -150,7 +151,11 @@ impl<'a> PipelineBuilder<'a> {
 
     /// Poses as the settings choose them.
     fn tracked_poses(&self) -> TrackedPoses {
-        TrackedPoses::new(self.settings.run.poses).with_pose_format(self.settings.dataset.pose_format())
+        let poses = TrackedPoses::new(self.settings.run.poses).with_pose_format(self.settings.dataset.pose_format());
+        match self.scene.as_ref().and_then(|scene| scene.world_up()) {
+            Some(up) => poses.with_world_up(up),
+            None => poses,
+        }
     }
 
     /// Builds the pipeline.

@@ -1,10 +1,12 @@
 //! Frames of a camera that is held sideways.
 
-use splatseg::dataset::open_scene;
-use splatseg::geometry::{CameraFrame, Mask, QuarterTurn, ScoredMask, Segmentation};
+use glam::DMat4;
+use splatseg::dataset::{RecordedFrame, open_scene};
+use splatseg::geometry::{CameraFrame, Mask, Pose, QuarterTurn, ScoredMask, Segmentation};
 use splatseg::odometry::{CameraPose, PoseInput, PoseSource, PoseSourceError, PoseUpdate};
 use splatseg::segmenter::SegmenterError;
 use splatseg::{Pipeline, Segmenter, Settings};
+use std::f64::consts::FRAC_PI_2;
 use std::sync::{Arc, Mutex};
 
 const SIZE: (usize, usize) = (64, 48);
@@ -82,4 +84,23 @@ fn a_turn_that_is_found_holds_from_the_next_frame_on() {
     assert_eq!(shown[0], [true, true]);
     assert!(shown[2][1]);
     assert_eq!(run("0", true, Some(Box::new(HeldSideways))).0, [SIZE; 3]);
+}
+
+#[test]
+fn a_world_with_a_known_up_tells_the_turn_with_the_first_frame() {
+    let settings = Settings::default();
+    let scene = open_scene("synthetic:frames=3,width=64,height=48", &settings.dataset).unwrap();
+    let sizes = Arc::default();
+    let segmenter = UpperThird { prefers_upright: true, sizes: Arc::clone(&sizes) };
+    let builder = Pipeline::builder(&settings).segmenter(Box::new(segmenter)).scene(&scene);
+    let mut pipeline = builder.build().unwrap();
+    let held = Pose::from_matrix(DMat4::from_rotation_z(FRAC_PI_2)).unwrap();
+    let turns = (0..3).map(|index| {
+        let RecordedFrame { frame, world_from_camera } = scene.read_recorded(index).unwrap();
+        let frame = frame.turned(QuarterTurn::Left).at(world_from_camera.unwrap() * held);
+        pipeline.step(&frame).unwrap().turn
+    });
+    assert_eq!(turns.collect::<Vec<_>>(), [QuarterTurn::None, QuarterTurn::Right, QuarterTurn::Right]);
+    // Frames are segmented as the frame before was held.
+    assert_eq!(*sizes.lock().unwrap(), [(SIZE.1, SIZE.0), SIZE, SIZE]);
 }
