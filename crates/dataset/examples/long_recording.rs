@@ -4,13 +4,13 @@
 //! cargo run --release -p splatseg-dataset --example long_recording -- 2000 20000 100000
 //! ```
 //!
-//! The arguments are numbers of frames. The time per frame must not grow.
+//! The arguments are numbers of frames, or recordings. The time per frame must not grow.
 
 #[path = "../tests/it/support/mod.rs"]
 mod support;
 
 use glam::{DQuat, DVec3};
-use splatseg_dataset::{DatasetSettings, McapScene, Scene};
+use splatseg_dataset::{DatasetSettings, RecordingScene, Scene};
 use splatseg_geometry::Intrinsics;
 use std::error::Error;
 use std::time::Instant;
@@ -41,11 +41,16 @@ fn recording(frames: i64) -> Vec<u8> {
 fn main() -> Result<(), Box<dyn Error>> {
     let folder = tempfile::tempdir()?;
     println!("frames  seconds to open  microseconds per frame");
-    for count in std::env::args().skip(1) {
-        let path = folder.path().join("long.mcap");
-        std::fs::write(&path, recording(count.parse()?))?;
+    for argument in std::env::args().skip(1) {
+        let path = if let Ok(count) = argument.parse() {
+            let path = folder.path().join("long.mcap");
+            std::fs::write(&path, recording(count))?;
+            path
+        } else {
+            argument.into()
+        };
         let started = Instant::now();
-        let scene = McapScene::open(&path, &DatasetSettings::default())?;
+        let scene = RecordingScene::open(&path, &DatasetSettings::default())?;
         let (frames, seconds) = (scene.frame_count(), started.elapsed().as_secs_f64());
         println!("{frames:6}  {seconds:15.2}  {:22.1}", 1e6 * seconds / frames.max(1) as f64);
     }

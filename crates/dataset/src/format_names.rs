@@ -27,8 +27,33 @@ choices! {
         Folder = "folder",
         /// A ROS 2 recording in an MCAP file, or a folder containing one, as written by rosbag2.
         Mcap = "mcap",
+        /// A ROS 2 recording in a SQLite file, or a folder containing one, as written by rosbag2 and RealSense's SDK.
+        Db3 = "db3",
+        /// A recording of ROS 1, or a folder containing one.
+        Bag = "bag",
         /// The built-in synthetic room.
         Synthetic = "synthetic",
+    }
+}
+
+impl Format {
+    /// Returns true if its scenes are recordings of topics, which settings choose.
+    pub const fn has_topics(self) -> bool {
+        matches!(self, Self::Mcap | Self::Db3 | Self::Bag)
+    }
+
+    /// Returns true if its scenes may have depth that is not registered to colour.
+    pub const fn registers_depth(self) -> bool {
+        self.has_topics() || matches!(self, Self::SevenScenes)
+    }
+
+    /// Lists the formats with a property, for messages: `7scenes, mcap and bag`.
+    pub(crate) fn listed(has: impl Fn(Self) -> bool) -> String {
+        let names: Vec<&str> = Self::ALL.iter().filter(|format| has(**format)).map(|format| format.name()).collect();
+        match names.split_last() {
+            Some((last, others)) if !others.is_empty() => format!("{} and {last}", others.join(", ")),
+            _ => names.concat(),
+        }
     }
 }
 
@@ -62,7 +87,7 @@ mod tests {
             assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
         }
         let error = "kitti".parse::<Format>().unwrap_err();
-        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, synthetic";
+        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, db3, bag, synthetic";
         assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
     }
 }

@@ -4,10 +4,11 @@
 use crate::depth_scale::require_no_depth_scale;
 use crate::own_camera::OwnCamera;
 use crate::pose_convention::ConvertedPoses;
+use crate::recording::{self, Container, RecordingScene};
 use crate::synthetic::{self, SyntheticScene};
 use crate::{DatasetError, DatasetSettings, DepthRegistration, Format, Scene};
-use crate::{FolderScene, McapScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
-use crate::{mcap, mvpd, plain_folder, replica, scannet, sevenscenes, tum};
+use crate::{FolderScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
+use crate::{mvpd, plain_folder, replica, scannet, sevenscenes, tum};
 use splatseg_settings::SettingError;
 use std::path::Path;
 use std::sync::Arc;
@@ -89,11 +90,27 @@ const FORMATS: &[FormatEntry] = &[
     },
     FormatEntry {
         format: Format::Mcap,
-        layout: mcap::LAYOUT,
+        layout: Container::Mcap.layout(),
         parts: |_| Vec::new(),
-        looks_like: mcap::looks_like,
+        looks_like: |path| recording::looks_like(path, Container::Mcap),
         is_whole: |_| true,
-        open: |path, settings| Ok(Arc::new(McapScene::open(path, settings)?)),
+        open: |path, settings| Ok(Arc::new(RecordingScene::open_as(path, Container::Mcap, settings)?)),
+    },
+    FormatEntry {
+        format: Format::Db3,
+        layout: Container::Db3.layout(),
+        parts: |_| Vec::new(),
+        looks_like: |path| recording::looks_like(path, Container::Db3),
+        is_whole: |_| true,
+        open: |path, settings| Ok(Arc::new(RecordingScene::open_as(path, Container::Db3, settings)?)),
+    },
+    FormatEntry {
+        format: Format::Bag,
+        layout: Container::Bag.layout(),
+        parts: |_| Vec::new(),
+        looks_like: |path| recording::looks_like(path, Container::Bag),
+        is_whole: |_| true,
+        open: |path, settings| Ok(Arc::new(RecordingScene::open_as(path, Container::Bag, settings)?)),
     },
     FormatEntry {
         format: Format::Synthetic,
@@ -179,27 +196,28 @@ fn incomplete(entry: &FormatEntry, path: &Path) -> Option<(f64, DatasetError)> {
 }
 
 fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError> {
-    let registers = matches!(entry.format, Format::SevenScenes | Format::Mcap);
-    if settings.register_depth == DepthRegistration::True && !registers {
+    if settings.register_depth == DepthRegistration::True && !entry.format.registers_depth() {
         return Err(SettingError {
             key: "dataset.register_depth".to_owned(),
             found: "true".to_owned(),
             expected: format!(
-                "auto or false for {}, whose format is {}: only 7scenes and mcap have depth that is not registered",
+                "auto or false for {}, whose format is {}: only {} have depth that is not registered",
                 path.display(),
-                entry.format
+                entry.format,
+                Format::listed(Format::registers_depth)
             ),
         }
         .into());
     }
-    if let Some((name, found)) = settings.first_topic_setting().filter(|_| entry.format != Format::Mcap) {
+    if let Some((name, found)) = settings.first_topic_setting().filter(|_| !entry.format.has_topics()) {
         return Err(SettingError {
             key: format!("dataset.{name}"),
             found: format!("{found:?}"),
             expected: format!(
-                "no value for {}, whose format is {}: only mcap has topics",
+                "no value for {}, whose format is {}: only {} have topics",
                 path.display(),
-                entry.format
+                entry.format,
+                Format::listed(Format::has_topics)
             ),
         }
         .into());

@@ -39,9 +39,9 @@ settings! {
         /// metres, and is divided by this value, too.
         depth_scale: Option<f64> = None, DatasetSettings::DEPTH_SCALES;
         /// Register depth to colour. `true`, for 7-Scenes as published: warp the depth from its own camera into the colour
-        /// camera, and convert the poses, which are those of the depth camera. `true`, for MCAP: undistort each image by
+        /// camera, and convert the poses, which are those of the depth camera. `true`, for recordings: undistort each image by
         /// its own camera info, and warp depth from its frame and camera into those of colour. `false`: the pixels of depth
-        /// are those of colour already. `auto`: for MCAP as the camera infos say, with a warning where they are ambiguous;
+        /// are those of colour already. `auto`: for recordings as the camera infos say, with a warning where they are ambiguous;
         /// otherwise `false`.
         register_depth: DepthRegistration = DepthRegistration::Auto, Allowed::Names(DepthRegistration::NAMES);
         /// For 7-Scenes with `register_depth`: offset of the colour camera to the right of the depth camera, metres. The default is
@@ -53,33 +53,33 @@ settings! {
         quaternion_order: QuaternionOrder = QuaternionOrder::Xyzw, Allowed::Names(QuaternionOrder::NAMES);
         /// Unit of the positions in recorded poses, metres: 0.01 for centimetres, 0.001 for millimetres.
         pose_scale: f64 = 1.0, Allowed::between(1e-6, 1e6);
-        /// MCAP: topic of the colour images; if left out, the only suitable one.
+        /// Recordings: topic of the colour images; if left out, the only suitable one.
         color: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: topic of the depth images; if left out, the only suitable one, or the only one in the colour camera's
+        /// Recordings: topic of the depth images; if left out, the only suitable one, or the only one in the colour camera's
         /// frame.
         depth: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: topic of the colour camera's info; if left out, the one next to the images, or the only one with their
+        /// Recordings: topic of the colour camera's info; if left out, the one next to the images, or the only one with their
         /// frame.
         camera_info: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: topic of the depth camera's info; if left out, chosen like that of the colour camera.
+        /// Recordings: topic of the depth camera's info; if left out, chosen like that of the colour camera.
         depth_camera_info: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: source of the poses: `/tf`, `/tf_static` for a stationary camera, a topic with odometry or poses, or
+        /// Recordings: source of the poses: `/tf`, `/tf_static` for a stationary camera, a topic with odometry or poses, or
         /// `none`. If left out, /tf if it moves the camera, otherwise the only such topic, otherwise none.
         pose: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: the world frame in /tf; if left out, the topmost ancestor of the camera's frame, or a world below a camera
+        /// Recordings: the world frame in /tf; if left out, the topmost ancestor of the camera's frame, or a world below a camera
         /// that is on top.
         world_frame: Option<String> = None, Allowed::Text("the name of a frame");
-        /// MCAP: the frame whose poses the topic gives, connected to the camera by /tf_static; if left out, the one
+        /// Recordings: the frame whose poses the topic gives, connected to the camera by /tf_static; if left out, the one
         /// named in its messages, otherwise the colour camera's. With /tf, whose frames nothing connects to the camera: the
         /// frame whose poses are taken for the camera's.
         pose_frame: Option<String> = None, Allowed::Text("the name of a frame");
-        /// MCAP: topic with corrected paths (`nav_msgs/msg/Path`), of the same frame as the poses, or `none`; if left out,
+        /// Recordings: topic with corrected paths (`nav_msgs/msg/Path`), of the same frame as the poses, or `none`; if left out,
         /// the only such topic.
         corrections: Option<String> = None, Allowed::Text("a topic");
-        /// MCAP: maximum time between a colour and a depth image, and between an image and the nearest pose if it has
+        /// Recordings: maximum time between a colour and a depth image, and between an image and the nearest pose if it has
         /// poses on one side only, milliseconds.
         max_time_difference_ms: f64 = 20.0, Allowed::between(0.0, 60_000.0);
-        /// MCAP: maximum time between two poses for interpolating between them, milliseconds.
+        /// Recordings: maximum time between two poses for interpolating between them, milliseconds.
         max_pose_gap_ms: f64 = 500.0, Allowed::between(0.0, 600_000.0);
     }
 }

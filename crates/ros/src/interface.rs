@@ -1,7 +1,8 @@
 //! Definitions of message types, for the schemas in recordings.
 
 use crate::{
-    CameraInfo, CompressedImage, Image, Odometry, PoseStamped, PoseWithCovarianceStamped, TfMessage, TransformStamped,
+    CameraInfo, CompressedImage, Float32Message, Image, Odometry, PoseStamped, PoseWithCovarianceStamped, TextMessage,
+    TfMessage, TransformStamped,
 };
 
 /// The definition of a message type.
@@ -22,7 +23,7 @@ pub trait Message {
 }
 
 impl Interface {
-    /// Returns the definition of a type that a camera, its poses or its calibration may have, e.g.
+    /// Returns the definition of a type that a camera, its poses, its calibration or its options may have, e.g.
     /// `sensor_msgs/msg/Image`.
     pub fn of_camera(name: &str) -> Option<Self> {
         let all = [
@@ -34,6 +35,8 @@ impl Interface {
             PoseStamped::INTERFACE,
             PoseWithCovarianceStamped::INTERFACE,
             TransformStamped::INTERFACE,
+            TextMessage::INTERFACE,
+            Float32Message::INTERFACE,
         ];
         all.into_iter().find(|interface| interface.name == name)
     }

@@ -24,7 +24,7 @@ pub use geometry_msgs::{
 };
 pub use interface::{Interface, Message};
 pub use sensor_msgs::{CameraInfo, CompressedImage, Image, PointCloud2, PointField, RegionOfInterest};
-pub use std_msgs::{ColorRgba, Duration, Header, Time};
+pub use std_msgs::{ColorRgba, Duration, Float32Message, Header, TextMessage, Time};
 pub use std_srvs::{EmptyRequest, SetBoolRequest, SuccessResponse};
 pub use vision_msgs::{BoundingBox3d, Detection3d, Detection3dArray, ObjectHypothesis, ObjectHypothesisWithPose};
 pub use visualization_msgs::{Marker, MarkerArray, MeshFile, UvCoordinate, action, marker_type};

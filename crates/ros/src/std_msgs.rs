@@ -62,6 +62,22 @@ impl Message for Header {
     };
 }
 
+message! {
+    /// A text (`std_msgs/msg/String`).
+    TextMessage: Default, "std_msgs/msg/String", "string data\n", [] {
+        /// The text.
+        data: String,
+    }
+}
+
+message! {
+    /// A number (`std_msgs/msg/Float32`).
+    Float32Message: Default, "std_msgs/msg/Float32", "float32 data\n", [] {
+        /// The number.
+        data: f32,
+    }
+}
+
 /// A colour with components in [0, 1] (`std_msgs/msg/ColorRGBA`).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ColorRgba {

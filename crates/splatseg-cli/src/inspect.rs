@@ -5,7 +5,7 @@ mod recording;
 use super::Failure;
 use super::options::{CameraOptions, TopicOptions};
 use clap::Args;
-use splatseg_dataset::McapScene;
+use splatseg_dataset::RecordingScene;
 use splatseg_models::checkpoint::{Architecture, Checkpoint, CheckpointError, Dtype, Format, printable};
 use splatseg_models::completeness::missing_tensors;
 use splatseg_models::device::{DeviceError, HAS_NETWORKS};
@@ -14,7 +14,7 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub struct InspectArguments {
-    /// A checkpoint (.pt from Ultralytics or Meta, or .safetensors) or a recording (.mcap, .mcap.zstd, or a folder with one)
+    /// A checkpoint (.pt from Ultralytics or Meta, or .safetensors) or a recording (.mcap, .db3, .bag, or a folder with one)
     pub file: PathBuf,
     /// Also write the checkpoint as a .safetensors file, without a pickle; an existing file is not replaced
     #[arg(long, value_name = "FILE.safetensors")]
@@ -30,7 +30,7 @@ pub struct InspectArguments {
 
 /// Prints the contents of the file.
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
-    if McapScene::is_recording(&arguments.file) {
+    if RecordingScene::is_recording(&arguments.file) {
         return recording::inspect(arguments);
     }
     let checkpoint = Checkpoint::open(&arguments.file).map_err(Failure::input)?;

@@ -214,7 +214,7 @@ impl FrameMatcher {
                 let is_this = |name: &str| name.trim_start_matches('/') == topic.trim_start_matches('/');
                 is_open && names.iter().any(|name| name.as_deref().is_none_or(is_this))
             }
-            Content::Calibrations { .. } | Content::Poses(_) => is_open,
+            Content::Calibrations { .. } | Content::Poses(_) | Content::DepthUnit { .. } => is_open,
         }
     }
 
@@ -253,7 +253,7 @@ impl FrameMatcher {
             _ if self.chosen.as_ref().is_some_and(|chosen| !chosen.uses(index, topic)) => return Use::Ignored,
             Content::Images(_) => usize::MAX,
             Content::Transforms { .. } => MAX_TRANSFORMS_BYTES,
-            Content::Calibrations { .. } | Content::Poses(_) => MAX_MESSAGE_BYTES,
+            Content::Calibrations { .. } | Content::Poses(_) | Content::DepthUnit { .. } => MAX_MESSAGE_BYTES,
         };
         self.number += 1;
         let log_time = i64::try_from(received.as_nanos()).unwrap_or(i64::MAX);

@@ -59,7 +59,7 @@ impl StreamTopics {
             Content::Images(_) => self.color == index || self.depth == index,
             Content::Calibrations { .. } => self.infos.contains(&Some(index)),
             Content::Poses(_) => matches!(self.poses, PoseSource::Topic(poses, _) if poses == index),
-            Content::Transforms { .. } => true,
+            Content::Transforms { .. } | Content::DepthUnit { .. } => true,
             Content::Path(_) | Content::Other => false,
         }
     }

@@ -6,6 +6,7 @@ use super::frame_names::{frame_name, one_line};
 use super::images::{ImageKind, compressed_kind, compressed_size, raw_kind};
 use super::paths::PathPoses;
 use super::poses::{PoseType, Poses, rigid_of_transform};
+use super::sdk_topics::{is_depth_unit, is_extrinsics};
 use super::timeline::{Order, Timeline};
 use super::transform_tree::TransformTree;
 use super::transforms::{Instant, Sample};
@@ -17,6 +18,8 @@ use std::path::{Path, PathBuf};
 
 /// Divisor of the memory limit that gives the limit of the list of messages.
 const MEMORY_PART: u64 = 4;
+/// Bytes of a message with a number of 32 bits.
+const FLOAT_MESSAGE_BYTES: usize = 8;
 /// Number of compressed images whose size is read if that of those before cannot be.
 const SIZE_TRIES: usize = 8;
 /// Memory per topic, in addition to its names.
@@ -25,9 +28,10 @@ pub(crate) const TOPIC_BYTES: u64 = 512;
 /// Location of a message's data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct MessagePlace {
-    /// Index of the compressed chunk; `None` for uncompressed data in the file, and for messages of a stream.
+    /// Index of the compressed chunk, or of the database; `None` for uncompressed data in the file, and for messages of
+    /// a stream.
     pub(crate) chunk: Option<u32>,
-    /// Offset in the unpacked chunk, or in the file; the number of a message of a stream.
+    /// Offset in the unpacked chunk, or in the file; the place in a database; the number of a message of a stream.
     pub(crate) offset: u64,
     pub(crate) len: u64,
 }
@@ -62,10 +66,19 @@ pub(crate) struct Topic {
 #[derive(Debug)]
 pub(crate) enum Content {
     Images(Images),
-    Calibrations { frame: String, list: Vec<(StampedPlace, Calibration)> },
+    Calibrations {
+        frame: String,
+        list: Vec<(StampedPlace, Calibration)>,
+    },
     Poses(Poses),
-    Transforms { is_fixed: bool },
+    Transforms {
+        is_fixed: bool,
+    },
     Path(PathPoses),
+    /// The unit of a RealSense's depth, if it can be read.
+    DepthUnit {
+        metres: Option<f64>,
+    },
     Other,
 }
 
@@ -227,6 +240,15 @@ impl Contents {
         }
     }
 
+    /// Counts a message of a topic that cannot be read.
+    pub(crate) fn unreadable_message(&mut self, topic: usize, log_time: u64, error: &str) {
+        self.messages += 1;
+        if let Some(topic) = self.topics.get_mut(topic) {
+            topic.count(log_time);
+            topic.count_unreadable(&CdrError::Content(error.to_owned()));
+        }
+    }
+
     /// Records a message of a stream's topic. It is not sorted into the others yet.
     ///
     /// # Errors
@@ -295,7 +317,10 @@ impl Content {
             "sensor_msgs/msg/Image" => Self::Images(Images::default()),
             "sensor_msgs/msg/CompressedImage" => Self::Images(Images { is_compressed: true, ..Images::default() }),
             "sensor_msgs/msg/CameraInfo" => Self::Calibrations { frame: String::new(), list: Vec::new() },
-            "tf2_msgs/msg/TFMessage" => Self::Transforms { is_fixed: name.ends_with("tf_static") },
+            "tf2_msgs/msg/TFMessage" => {
+                Self::Transforms { is_fixed: name.ends_with("tf_static") || is_extrinsics(name) }
+            }
+            "std_msgs/msg/Float32" | "std_msgs/msg/String" if is_depth_unit(name) => Self::DepthUnit { metres: None },
             "nav_msgs/msg/Path" => Self::Path(PathPoses::default()),
             "nav_msgs/msg/Odometry" => Self::Poses(Poses::new(PoseType::Odometry)),
             "geometry_msgs/msg/PoseStamped" => Self::Poses(Poses::new(PoseType::Pose)),
@@ -342,6 +367,16 @@ impl Content {
                 Ok((transforms.transforms.len() * size_of::<Sample>()) as u64)
             }
             Self::Path(path) => path.record(message.data, recorded),
+            Self::DepthUnit { metres } => {
+                // As text, or as a number of 32 bits, whose shortest text is what was meant.
+                let text = match message.data.len() {
+                    FLOAT_MESSAGE_BYTES => from_cdr::<f32>(message.data)?.to_string(),
+                    _ => from_cdr(message.data)?,
+                };
+                let number = text.trim().parse();
+                *metres = Some(number.map_err(|_| CdrError::Content(format!("found {text:?}, expected metres")))?);
+                Ok(0)
+            }
             Self::Other => Ok(0),
         }
     }

@@ -49,10 +49,15 @@ fn color_encoding(encoding: &str) -> Option<ColorEncoding> {
         "rgba8" => ColorEncoding::Bytes(4, [0, 1, 2]),
         "bgra8" => ColorEncoding::Bytes(4, [2, 1, 0]),
         "mono8" => ColorEncoding::Bytes(1, [0, 0, 0]),
-        "yuv422" | "uyvy" => ColorEncoding::Pairs([1, 3, 0, 2]),
-        "yuv422_yuy2" | "yuyv" => ColorEncoding::Pairs([0, 2, 1, 3]),
+        "yuv422" | "uyvy" | "UYVY" => ColorEncoding::Pairs([1, 3, 0, 2]),
+        "yuv422_yuy2" | "yuyv" | "YUYV" => ColorEncoding::Pairs([0, 2, 1, 3]),
         _ => return None,
     })
+}
+
+/// Returns true if the name of a topic says that it has depth: `mono16` may also be infrared.
+fn is_named_depth(topic: &str) -> bool {
+    topic.to_ascii_lowercase().contains("depth")
 }
 
 /// Returns the kind of a `sensor_msgs/msg/Image`.
@@ -61,7 +66,7 @@ pub(crate) fn raw_kind(topic: &str, encoding: &str) -> ImageKind {
         "mono8" => ImageKind::Grey,
         "16UC1" | "32FC1" => ImageKind::Depth,
         // Infrared cameras use it, too.
-        "mono16" if topic.contains("depth") => ImageKind::Depth,
+        "mono16" if is_named_depth(topic) => ImageKind::Depth,
         encoding if color_encoding(encoding).is_some() => ImageKind::Color,
         _ => ImageKind::Other,
     }
@@ -78,7 +83,7 @@ pub(crate) fn compressed_kind(topic: &str, message: &CompressedImage<'_>) -> Ima
         _ if !is_file => ImageKind::Other,
         "mono8" => ImageKind::Grey,
         "16UC1" | "32FC1" => depth_kind(message.data),
-        "mono16" if topic.contains("depth") => depth_kind(message.data),
+        "mono16" if is_named_depth(topic) => depth_kind(message.data),
         "mono16" => ImageKind::Other,
         // Bit depth and colour type of a PNG.
         _ if message.data.starts_with(b"\x89PNG") && message.data.get(24..26) == Some(&[16, 0]) => ImageKind::Depth,

@@ -1,4 +1,4 @@
-//! Frames from the topics of ROS 2, recorded (`mcap/`) or as they arrive (`live/`).
+//! Frames from the topics of ROS 2, recorded (`recording/`) or as they arrive (`live/`).
 //!
 //! `contents.rs` keeps from each message what is needed, `choice.rs` chooses topics by settings or because they are the
 //! only suitable ones. `timeline.rs` sorts the messages of a topic by time; `clock.rs` judges the stamps of a whole recording,
@@ -21,6 +21,7 @@ mod paths;
 mod poses;
 pub(crate) mod reader;
 mod registration;
+pub(crate) mod sdk_topics;
 pub(crate) mod stream_clock;
 pub(crate) mod timeline;
 pub(crate) mod transform_tree;

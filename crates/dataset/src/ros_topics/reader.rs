@@ -70,11 +70,18 @@ impl FrameReader {
             let camera = camera.intrinsics;
             depth.replace_intrinsics(|(width, height)| camera.resized(width, height));
         }
+        let depth_scale = match maker.contents.depth_unit_of(&choice.depth.0.name) {
+            Some((topic, metres)) => {
+                let field = format!("{topic}, as units per metre");
+                Some(DepthScale::stated(1.0 / metres, (path, &field), maker.settings)?)
+            }
+            None => DepthScale::from_settings(maker.settings),
+        };
         let source = |(topic, images): (&Topic, &Images), cameras| ImageSource {
             topic: topic.name.clone(),
             is_compressed: images.is_compressed,
             cameras,
-            depth_scale: DepthScale::from_settings(maker.settings),
+            depth_scale,
             undistortion: UndistortionCache::default(),
         };
         let (color, depth) = (source(choice.color, color), source(choice.depth, depth));

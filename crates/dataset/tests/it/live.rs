@@ -8,7 +8,7 @@ use crate::support::mcap::{
 use crate::support::recording::{jpeg_bytes, recording};
 use glam::{DQuat, DVec3};
 use splatseg_dataset::{
-    DatasetSettings, FrameMatcher, MatchLimits, McapScene, RecordedFrame, Scene, StreamedFrame, open_scene,
+    DatasetSettings, FrameMatcher, MatchLimits, RecordedFrame, RecordingScene, Scene, StreamedFrame, open_scene,
 };
 use splatseg_geometry::RgbdFrame;
 use std::fs;
@@ -65,7 +65,7 @@ fn assert_balance(matcher: &FrameMatcher) {
     assert_eq!(counts.images, 2 * frames + counts.dropped.total() + counts.waiting, "{counts:?}");
 }
 
-fn assert_same(frames: &[StreamedFrame], scene: &McapScene) {
+fn assert_same(frames: &[StreamedFrame], scene: &RecordingScene) {
     assert_eq!(frames.len(), scene.frame_count());
     for (index, streamed) in frames.iter().enumerate() {
         let RecordedFrame { frame, world_from_camera } = scene.read_recorded(index).unwrap();
@@ -87,7 +87,7 @@ fn recordings_of_other_programs_give_the_same_frames_as_a_stream() {
         ("bag/bag.mcap", none),
         ("encodings.mcap", settings("/png", "/depth/compressed_rvl", "tf_static")),
     ] {
-        let scene = McapScene::open(&data(name), &settings).unwrap();
+        let scene = RecordingScene::open(&data(name), &settings).unwrap();
         let (frames, matcher) = matched(&messages(&fs::read(data(name)).unwrap()), &settings, no_frame_is_dropped());
         assert_same(&frames, &scene);
         assert_eq!(matcher.sources(), &scene.sources()[..3]);
@@ -121,7 +121,7 @@ fn a_consumer_that_is_always_ready_misses_nothing() {
         s.depth = Some("/camera/aligned_depth_to_color/image_raw/compressedDepth".to_owned());
         s.world_frame = Some("map".to_owned());
     });
-    let scene = McapScene::open(&data("room.mcap"), &settings).unwrap();
+    let scene = RecordingScene::open(&data("room.mcap"), &settings).unwrap();
     let messages = messages(&fs::read(data("room.mcap")).unwrap());
     let (frames, matcher) = matched(&messages, &settings, MatchLimits::default());
     assert_same(&frames, &scene);
@@ -186,7 +186,7 @@ fn same_as_recorded(times: &[Times]) -> FrameMatcher {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     fs::write(&path, &bytes).unwrap();
-    let scene = McapScene::open(&path, &camera_settings()).unwrap();
+    let scene = RecordingScene::open(&path, &camera_settings()).unwrap();
     let (frames, matcher) = matched(&messages(&bytes), &camera_settings(), no_frame_is_dropped());
     assert_same(&frames, &scene);
     matcher
@@ -247,7 +247,7 @@ fn depth_of_another_camera_is_registered_and_lenses_are_taken_out() {
     let bytes = writer.finish();
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("a.mcap"), &bytes).unwrap();
-    let scene = McapScene::open(folder.path(), &DatasetSettings::default()).unwrap();
+    let scene = RecordingScene::open(folder.path(), &DatasetSettings::default()).unwrap();
     assert!(scene.sources()[1].ends_with(", registered to colour here"));
     assert_eq!((scene.frame_count(), scene.read_frame(0).unwrap().width()), (5, 8));
     let (frames, _) = matched(&messages(&bytes), &DatasetSettings::default(), no_frame_is_dropped());
@@ -275,7 +275,7 @@ fn a_real_recording_gives_the_same_frames_as_a_stream() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("a.mcap"), &bytes).unwrap();
     let settings = settings("/camera/image", "/camera/depth", "/tf").with(|s| s.world_frame = Some("world".to_owned()));
-    let scene = McapScene::open(folder.path(), &settings).unwrap();
+    let scene = RecordingScene::open(folder.path(), &settings).unwrap();
     let (frames, matcher) = matched(&messages(&bytes), &settings, no_frame_is_dropped());
     assert_same(&frames, &scene);
     assert_eq!((frames.len(), matcher.counts().dropped.total()), (12, 0));

@@ -1,6 +1,7 @@
 //! The integration tests of this crate, in one program: it is linked once.
 
 mod color_images;
+mod containers;
 mod damage;
 mod depth_scale;
 mod folder;
@@ -21,6 +22,7 @@ mod mvpd;
 mod open;
 mod own_camera;
 mod real_data;
+mod realsense;
 mod replica;
 mod scannet;
 mod sens;

@@ -1,7 +1,7 @@
 //! ROS 2 recordings written by other programs, and the choice of their topics.
 
 use splatseg_dataset::{
-    DatasetSettings, Format, FrameSource, FrameStream, GroundTruth, McapScene, McapSummary, Scene, open_scene,
+    DatasetSettings, Format, FrameSource, FrameStream, GroundTruth, RecordingScene, RecordingSummary, Scene, open_scene,
 };
 use splatseg_geometry::RgbdFrame;
 use std::path::{Path, PathBuf};
@@ -10,9 +10,9 @@ fn data(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/mcap").join(name)
 }
 
-fn open(name: &str, change: impl FnOnce(&mut DatasetSettings)) -> Result<McapScene, String> {
+fn open(name: &str, change: impl FnOnce(&mut DatasetSettings)) -> Result<RecordingScene, String> {
     let settings = DatasetSettings::default().with(change);
-    McapScene::open(&data(name), &settings)
+    RecordingScene::open(&data(name), &settings)
         .map_err(|error| error.to_string().replace(&data("").display().to_string(), ""))
 }
 
@@ -70,7 +70,7 @@ fn frames_are_read_in_any_order_from_any_thread() {
 fn frames_are_the_same_in_another_world() {
     let [map, odom] =
         ["map", "odom"].map(|world| open("room.mcap", |s| s.world_frame = Some(world.to_owned())).unwrap());
-    let step = |scene: &McapScene| {
+    let step = |scene: &RecordingScene| {
         let pose = |index| *scene.read_frame(index).unwrap().world_from_camera();
         (pose(0).inverse() * pose(3)).to_matrix()
     };
@@ -196,13 +196,13 @@ fn settings_for_topics_are_for_recordings_only() {
     let error = open_scene("synthetic", &settings).unwrap_err().to_string();
     assert_eq!(
         error,
-        "dataset.pose is \"/odom\", expected no value for synthetic, whose format is synthetic: only mcap has topics"
+        "dataset.pose is \"/odom\", expected no value for synthetic, whose format is synthetic: only mcap, db3 and bag have topics"
     );
 }
 
 #[test]
 fn a_summary_lists_all_topics() {
-    let summary = McapSummary::read(&data("encodings.mcap"), &DatasetSettings::default()).unwrap();
+    let summary = RecordingSummary::read(&data("encodings.mcap"), &DatasetSettings::default()).unwrap();
     assert_eq!(summary.topics.len(), 24);
     assert!(summary.scene.is_err() && summary.damage.is_empty());
     let chatter = summary.topics.iter().find(|topic| topic.name == "/chatter").unwrap();
@@ -210,7 +210,7 @@ fn a_summary_lists_all_topics() {
         (chatter.type_name.as_str(), chatter.messages, chatter.images.as_ref()),
         ("std_msgs/msg/String", 1, None)
     );
-    let summary = McapSummary::read(&data("room.mcap"), &DatasetSettings::default()).unwrap();
+    let summary = RecordingSummary::read(&data("room.mcap"), &DatasetSettings::default()).unwrap();
     assert_eq!(summary.scene.unwrap().count, 4);
     let tf = summary.topics.iter().find(|topic| topic.name == "/tf").unwrap();
     assert_eq!((tf.messages, tf.unreadable.is_none()), (10, true));
@@ -220,7 +220,7 @@ fn a_summary_lists_all_topics() {
 #[test]
 fn recordings_of_rosbag2_are_read() {
     let topics = |name: &str| -> Vec<(String, String, u64)> {
-        let summary = McapSummary::read(&data("rosbag2").join(name), &DatasetSettings::default()).unwrap();
+        let summary = RecordingSummary::read(&data("rosbag2").join(name), &DatasetSettings::default()).unwrap();
         assert!(summary.damage.is_empty() && summary.scene.is_err(), "{:?}", summary.damage);
         let mut topics: Vec<_> =
             summary.topics.into_iter().map(|topic| (topic.name, topic.type_name, topic.messages)).collect();

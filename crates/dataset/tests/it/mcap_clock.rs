@@ -2,7 +2,7 @@
 
 use crate::support::mcap::{FRAME_NS, McapWriter, OPTICAL, START, camera_transform, depth_bytes, header, info, raw};
 use crate::support::recording::{jpeg_bytes, recording};
-use splatseg_dataset::{DatasetSettings, McapScene, RecordedFrame, Scene, open_scene};
+use splatseg_dataset::{DatasetSettings, RecordedFrame, RecordingScene, Scene, open_scene};
 use splatseg_geometry::RgbdFrame;
 use std::fs;
 
@@ -54,7 +54,7 @@ fn opened(stamps: &[Stamps]) -> (Vec<usize>, Vec<String>) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("clock.mcap");
     fs::write(&path, writer.finish()).unwrap();
-    let scene = McapScene::open(&path, &DatasetSettings::default()).unwrap();
+    let scene = RecordingScene::open(&path, &DatasetSettings::default()).unwrap();
     let which = |index: usize| {
         let RecordedFrame { frame, world_from_camera } = scene.read_recorded(index).unwrap();
         let read = frame.at(world_from_camera?);

@@ -8,7 +8,7 @@ use crate::support::recording::recording;
 use crate::support::two_ways::{Found, places_of_messages, read, read_path};
 use proptest::prelude::*;
 use ruzstd::encoding::{CompressionLevel, compress_to_vec};
-use splatseg_dataset::{DatasetSettings, McapScene, McapSummary, Scene, open_scene};
+use splatseg_dataset::{DatasetSettings, RecordingScene, RecordingSummary, Scene, open_scene};
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use std::fs;
 use std::path::Path;
@@ -62,12 +62,12 @@ fn folder(files: &[(&str, &[u8])]) -> tempfile::TempDir {
     folder
 }
 
-fn summary(path: &Path) -> McapSummary {
-    McapSummary::read(path, &none()).unwrap()
+fn summary(path: &Path) -> RecordingSummary {
+    RecordingSummary::read(path, &none()).unwrap()
 }
 
 fn refused(path: &Path) -> String {
-    McapScene::open(path, &none()).unwrap_err().to_string().replace(&path.display().to_string(), "PATH")
+    RecordingScene::open(path, &none()).unwrap_err().to_string().replace(&path.display().to_string(), "PATH")
 }
 
 #[test]
@@ -223,7 +223,7 @@ proptest! {
         });
         let bytes = damaged(whole[usize::from(is_file)].clone(), &changes, &keep);
         let folder = folder(&[("a.mcap", &bytes)]);
-        match McapScene::open(&folder.path().join("a.mcap"), &none()) {
+        match RecordingScene::open(&folder.path().join("a.mcap"), &none()) {
             Ok(scene) => (0..scene.frame_count()).for_each(|index| _ = scene.read_frame(index)),
             Err(error) => prop_assert!(error.to_string().contains("a.mcap") && !error.to_string().contains('\n'), "{}", error),
         }

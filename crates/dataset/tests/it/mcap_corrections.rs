@@ -6,7 +6,9 @@ use crate::support::mcap::{
 use crate::support::recording::recording;
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
-use splatseg_dataset::{CorrectedPose, DatasetSettings, FrameStream, GroundTruth, McapScene, Scene, StreamedFrame};
+use splatseg_dataset::{
+    CorrectedPose, DatasetSettings, FrameStream, GroundTruth, RecordingScene, Scene, StreamedFrame,
+};
 use splatseg_geometry::{Pose, RgbdFrame};
 use splatseg_ros::{NavPath, Point, PoseMessage, PoseStamped, Quaternion};
 use std::fs;
@@ -58,15 +60,15 @@ fn written(paths: &[(&str, usize, NavPath)], parts: Parts, more: impl FnOnce(&mu
     writer.finish()
 }
 
-fn opened(bytes: &[u8], settings: &DatasetSettings) -> Result<McapScene, String> {
+fn opened(bytes: &[u8], settings: &DatasetSettings) -> Result<RecordingScene, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     fs::write(&path, bytes).unwrap();
-    McapScene::open(&path, settings).map_err(|error| error.to_string())
+    RecordingScene::open(&path, settings).map_err(|error| error.to_string())
 }
 
 /// Returns the corrections of each frame, as frame and displacement along x.
-fn found(scene: &McapScene) -> Vec<Vec<(usize, f64)>> {
+fn found(scene: &RecordingScene) -> Vec<Vec<(usize, f64)>> {
     let displacement = |corrected: &CorrectedPose| {
         let was = frames()[corrected.frame].world_from_camera();
         let moved = corrected.world_from_camera.translation() - was.translation();
@@ -76,7 +78,7 @@ fn found(scene: &McapScene) -> Vec<Vec<(usize, f64)>> {
     (0..FRAMES).map(|index| scene.corrections(index..index + 1).iter().map(displacement).collect()).collect()
 }
 
-fn source(scene: &McapScene) -> String {
+fn source(scene: &RecordingScene) -> String {
     scene.sources().iter().find(|line| line.starts_with("corrected")).cloned().unwrap_or_default()
 }
 
@@ -174,7 +176,7 @@ fn a_stream_delivers_the_corrections_of_its_frames() {
     let file = folder.path().join("a.mcap");
     fs::write(&file, bytes).unwrap();
     let streamed = |settings: DatasetSettings, done: usize| -> Vec<(usize, Vec<usize>)> {
-        let scene = Arc::new(McapScene::open(&file, &settings).unwrap());
+        let scene = Arc::new(RecordingScene::open(&file, &settings).unwrap());
         let of = |frame: StreamedFrame| (frame.index, frame.corrections.iter().map(|found| found.frame).collect());
         let stream = FrameStream::open_at(scene, &settings, GroundTruth::Skip, done).unwrap();
         stream

@@ -5,7 +5,7 @@ use crate::support::mcap::*;
 use crate::support::{damaged, recording::recording};
 use glam::{DQuat, DVec3};
 use proptest::prelude::*;
-use splatseg_dataset::{DatasetSettings, LeftOut, McapScene, McapSummary, Scene};
+use splatseg_dataset::{DatasetSettings, LeftOut, RecordingScene, RecordingSummary, Scene};
 use splatseg_geometry::{Intrinsics, RgbdFrame, SegmentMap};
 use splatseg_ros::Image;
 use std::fs;
@@ -22,11 +22,12 @@ fn frames() -> Vec<&'static RgbdFrame<'static>> {
 }
 
 /// Opens a recording of these bytes. Errors omit the file's path.
-fn open(bytes: &[u8], settings: &DatasetSettings) -> Result<McapScene, String> {
+fn open(bytes: &[u8], settings: &DatasetSettings) -> Result<RecordingScene, String> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     fs::write(&path, bytes).unwrap();
-    McapScene::open(&path, settings).map_err(|error| error.to_string().replace(&path.display().to_string(), "a.mcap"))
+    RecordingScene::open(&path, settings)
+        .map_err(|error| error.to_string().replace(&path.display().to_string(), "a.mcap"))
 }
 
 /// Returns the damage to a recording of these bytes, and its number of frames.
@@ -34,7 +35,7 @@ fn damage(bytes: &[u8]) -> (Vec<String>, usize) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     fs::write(&path, bytes).unwrap();
-    let summary = McapSummary::read(&path, &DatasetSettings::default()).unwrap();
+    let summary = RecordingSummary::read(&path, &DatasetSettings::default()).unwrap();
     let damage = summary.damage.iter().map(|line| line.replace(&path.display().to_string(), "a.mcap")).collect();
     (damage, summary.scene.map_or(0, |frames| frames.count))
 }
@@ -50,7 +51,7 @@ fn what_is_written_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     fs::write(&path, recording_of(&frames())).unwrap();
-    let scene = McapScene::open(&path, &DatasetSettings::default()).unwrap();
+    let scene = RecordingScene::open(&path, &DatasetSettings::default()).unwrap();
     assert_eq!((scene.frame_count(), scene.left_out().len()), (4, 0));
     for (index, (frame, _)) in room().iter().enumerate() {
         let tolerance = support::recording::Tolerance { depth: 5.1e-4, color: 6.0 };
@@ -134,7 +135,7 @@ fn a_recording_without_poses_is_read_without_them() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("a.mcap"), &bytes).unwrap();
         let settings = DatasetSettings::default().with(|s| s.pose = pose.map(str::to_owned));
-        let scene = McapScene::open(folder.path(), &settings).unwrap();
+        let scene = RecordingScene::open(folder.path(), &settings).unwrap();
         let poses: Vec<_> =
             (0..4).map(|index| scene.read_recorded(index).unwrap().world_from_camera.is_some()).collect();
         (scene.sources()[2].clone(), scene.has_poses(), poses)
@@ -231,7 +232,7 @@ fn depth_of_another_camera_is_registered() {
     let read = |depth_at: DVec3| {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("a.mcap"), with_two_cameras(&color_camera, Some(depth_at))).unwrap();
-        let scene = McapScene::open(folder.path(), &DatasetSettings::default()).unwrap();
+        let scene = RecordingScene::open(folder.path(), &DatasetSettings::default()).unwrap();
         assert!(scene.sources()[1].ends_with(", registered to colour here"), "{:?}", scene.sources());
         assert_eq!(scene.stored_color_size(0), Some((32, 24)));
         scene.read_frame(1).unwrap()
@@ -268,7 +269,7 @@ fn a_lens_is_taken_out_of_colour_and_depth() {
     let read = |bytes: &[u8]| {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("a.mcap"), bytes).unwrap();
-        let scene = McapScene::open(folder.path(), &DatasetSettings::default()).unwrap();
+        let scene = RecordingScene::open(folder.path(), &DatasetSettings::default()).unwrap();
         scene.read_frame(0).unwrap()
     };
     let (straight, bent) = (read(&write(&info(START, OPTICAL, frame.intrinsics()))), read(&write(&camera)));
@@ -323,7 +324,7 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.mcap");
         fs::write(&path, bytes).unwrap();
-        match McapScene::open(&path, &DatasetSettings::default()) {
+        match RecordingScene::open(&path, &DatasetSettings::default()) {
             Ok(scene) => (0..scene.frame_count()).for_each(|index| _ = scene.read_frame(index)),
             Err(error) => prop_assert!(error.to_string().contains("a.mcap") && !error.to_string().contains('\n'), "{}", error),
         }

@@ -1,9 +1,9 @@
-//! `splatseg inspect drive.mcap`: shows the topics, and the ones that a run would use.
+//! `splatseg inspect drive.mcap`, `.db3` or `.bag`: shows the topics, and the ones that a run would use.
 
 use super::InspectArguments;
 use crate::Failure;
 use crate::terminal::counted;
-use splatseg_dataset::{McapSummary, McapTopic};
+use splatseg_dataset::{RecordingSummary, RecordingTopic};
 use std::time::Duration;
 
 /// Maximum number of topics listed. A recording may claim to have tens of thousands.
@@ -15,12 +15,12 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
         let message = "--convert and --tensors are for checkpoints, this is a recording";
         return Err(Failure::input(format!("{}: {message}", arguments.file.display())));
     }
-    let summary =
-        McapSummary::read(&arguments.file, &arguments.topics.settings(&arguments.camera)?).map_err(Failure::input)?;
+    let summary = RecordingSummary::read(&arguments.file, &arguments.topics.settings(&arguments.camera)?)
+        .map_err(Failure::input)?;
     say!("file           {}", summary.path.display());
     let files = if summary.files == 1 { String::new() } else { format!(" in {} files", summary.files) };
     let compression = summary.compression.map_or_else(String::new, |how| format!(", compressed ({how})"));
-    say!("kind           MCAP{files}{compression}");
+    say!("kind           {}{files}{compression}", summary.title);
     print_times(&summary.topics);
     say!("topics         {}", summary.topics.len());
     for topic in summary.topics.iter().take(LISTED) {
@@ -51,7 +51,7 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     }
 }
 
-fn print_times(topics: &[McapTopic]) {
+fn print_times(topics: &[RecordingTopic]) {
     let times = || topics.iter().filter_map(|topic| topic.recorded);
     let (Some(first), Some(last)) = (times().map(|(first, _)| first).min(), times().map(|(_, last)| last).max()) else {
         return;
@@ -59,7 +59,7 @@ fn print_times(topics: &[McapTopic]) {
     say!("recorded       {} to {}, {:.1} s", time(first), time(last), (last.saturating_sub(first)).as_secs_f64());
 }
 
-fn print_topic(topic: &McapTopic) {
+fn print_topic(topic: &RecordingTopic) {
     let kind = if topic.type_name.is_empty() { "unknown type" } else { &topic.type_name };
     let mut text = format!("  {} {kind}", topic.name);
     if topic.encoding != "cdr" {

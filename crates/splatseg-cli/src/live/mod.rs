@@ -16,7 +16,7 @@ use clap::Args;
 use player::{Pace, play};
 use session_options::{SessionOptions, in_range};
 use splatseg::Settings;
-use splatseg_dataset::{MatchLimits, McapScene};
+use splatseg_dataset::{MatchLimits, RecordingScene};
 use splatseg_live::LiveStream;
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -31,7 +31,7 @@ use std::sync::Arc;
     Ctrl-C or SIGTERM ends it after the present frame; the map is saved then, and every --save-interval seconds. Started\n\
     again with the same map, it goes on: a tracked camera first has to find its place in it.")]
 pub struct LiveArguments {
-    /// A recording of ROS 2 messages (MCAP), or a folder with one
+    /// A recording of ROS messages (.mcap, .db3, .bag), or a folder with one
     pub source: PathBuf,
     /// Play the recording this many times as fast
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
@@ -47,10 +47,10 @@ impl LiveArguments {
     /// Checks the numbers and paths.
     fn check(&self, settings: &Settings) -> Result<(), Failure> {
         in_range("--speed", self.speed, 0.01..=100.0)?;
-        if !McapScene::is_recording(&self.source) {
+        if !RecordingScene::is_recording(&self.source) {
             let path = self.source.display();
             return Err(Failure::input(format!(
-                "{path}: not a recording of ROS 2 messages (MCAP), nor a folder with one"
+                "{path}: not a recording of ROS messages (.mcap, .db3, .bag), nor a folder with one"
             )));
         }
         self.session.check(settings, Some(&self.source))

@@ -4,7 +4,7 @@ use crate::support;
 use crate::support::{Ended, ROOM, file_names, finish, splatseg};
 use glam::{DQuat, DVec3, Quat, Vec3};
 use serde_json::Value;
-use splatseg_dataset::{DatasetSettings, McapScene, McapSummary, Scene, open_scene, read_segments_png};
+use splatseg_dataset::{DatasetSettings, RecordingScene, RecordingSummary, Scene, open_scene, read_segments_png};
 use splatseg_geometry::SegmentId;
 use splatseg_objects::{ObjectList, OrientedBox};
 use splatseg_output::segment_color;
@@ -65,7 +65,7 @@ fn a_recording_has_the_images_the_map_and_the_boxes_of_the_run() {
         let times: Vec<u64> = topics[topic].iter().map(|message| message.log_time).collect();
         assert_eq!(times, (0..FRAMES as u64).map(|frame| frame * INTERVAL).collect::<Vec<_>>(), "{topic}");
     }
-    let summary = McapSummary::read(&file, &DatasetSettings::default()).unwrap();
+    let summary = RecordingSummary::read(&file, &DatasetSettings::default()).unwrap();
     assert_eq!((summary.topics.len(), summary.damage.len()), (7, 0));
     assert!(summary.topics.iter().all(|topic| topic.unreadable.is_none()), "{:?}", summary.topics);
 
@@ -192,7 +192,7 @@ fn the_timestamps_equal_the_input() {
     let topics = messages(&file);
     // Without a memory there is no map and no box.
     assert_eq!(topics.keys().collect::<Vec<_>>(), IMAGES);
-    let scene = McapScene::open(&input, &DatasetSettings::default()).unwrap();
+    let scene = RecordingScene::open(&input, &DatasetSettings::default()).unwrap();
     for index in 0..4 {
         let stamp = scene.read_frame(index).unwrap().timestamp().unwrap();
         for (topic, messages) in &topics {
@@ -202,7 +202,7 @@ fn the_timestamps_equal_the_input() {
         assert_eq!(ids.header.stamp.nanoseconds() as u128, stamp.as_nanos());
     }
     // The saved recording can be read as a scene, with the ids in place of depth.
-    let written = McapScene::open(&file, &DatasetSettings::default()).unwrap();
+    let written = RecordingScene::open(&file, &DatasetSettings::default()).unwrap();
     assert_eq!(written.frame_count(), 4);
     let (read, expected) = (written.read_frame(2).unwrap(), scene.read_frame(2).unwrap());
     assert_eq!((read.timestamp(), read.intrinsics()), (expected.timestamp(), expected.intrinsics()));

@@ -2,7 +2,9 @@
 
 use super::warnings::with_warnings;
 use mcap::records::{Record, op};
-use splatseg_dataset::{DatasetError, DatasetSettings, FrameMatcher, MatchLimits, McapScene, Scene, read_messages};
+use splatseg_dataset::{
+    DatasetError, DatasetSettings, FrameMatcher, MatchLimits, RecordingScene, Scene, read_messages,
+};
 use splatseg_geometry::{CameraFrame, Pose};
 use std::fs;
 use std::path::Path;
@@ -29,7 +31,7 @@ pub fn read(bytes: &[u8], settings: &DatasetSettings) -> Result<Found, String> {
 pub fn read_path(path: &Path, settings: &DatasetSettings) -> Result<Found, String> {
     let place = path.display().to_string();
     let without_path = |text: String| text.replace(&place, "a.mcap");
-    let (scene, warnings) = with_warnings(|| McapScene::open(path, settings));
+    let (scene, warnings) = with_warnings(|| RecordingScene::open(path, settings));
     let (streamed, sources, undecided) = streamed(path, settings);
     let scene = match scene {
         Ok(scene) => scene,

@@ -1,35 +1,39 @@
 //! Summary of a recording's contents, for inspection.
 
-use super::McapScene;
-use super::container::McapFile;
+use super::RecordingScene;
+use super::recorded_file::RecordedFile;
 use super::recorded_topics::RecordedTopics;
 use super::recording_parts::RecordingParts;
 use crate::ros_topics::contents::Content;
-use crate::{DatasetError, DatasetSettings, LeftOut, Scene};
+use crate::{DatasetError, DatasetSettings, Format, LeftOut, Scene};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// Summary of a recording's contents and of the parts that would be used.
 #[derive(Debug)]
-pub struct McapSummary {
+pub struct RecordingSummary {
     /// The file, or the folder of a recording in several files.
     pub path: PathBuf,
+    /// Its format: MCAP, SQLite or a bag of ROS 1.
+    pub format: Format,
+    /// The name of the format for people.
+    pub title: &'static str,
     /// Number of files.
     pub files: usize,
     /// How rosbag2 has compressed it, e.g. `zstd, each message`; `None` if it has not.
     pub compression: Option<&'static str>,
     /// Topics, in order of appearance.
-    pub topics: Vec<McapTopic>,
+    pub topics: Vec<RecordingTopic>,
     /// Damage to the file, one line each.
     pub damage: Vec<String>,
     /// The frames that would be used, or the reason that nothing can be used.
-    pub scene: Result<McapFrames, DatasetError>,
+    pub scene: Result<RecordingFrames, DatasetError>,
 }
 
 /// The frames of a recording.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
-pub struct McapFrames {
+pub struct RecordingFrames {
     /// The topics used, one line each.
     pub sources: Vec<String>,
     /// Number of frames.
@@ -43,12 +47,12 @@ pub struct McapFrames {
 /// A topic of a recording.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
-pub struct McapTopic {
+pub struct RecordingTopic {
     /// Name, e.g. `/camera/color/image_raw`.
     pub name: String,
     /// Message type, e.g. `sensor_msgs/msg/Image`; empty if the file does not state it.
     pub type_name: String,
-    /// Message encoding: `cdr` for ROS 2.
+    /// Message encoding: `cdr` for ROS 2, and for messages of ROS 1 that are converted to it.
     pub encoding: String,
     /// Number of messages.
     pub messages: u64,
@@ -60,17 +64,17 @@ pub struct McapTopic {
     pub unreadable: Option<(u64, String)>,
 }
 
-impl McapSummary {
+impl RecordingSummary {
     /// Reads all of a recording, or of the only one in a folder.
     ///
     /// # Errors
-    /// If there is no recording, or the file is not MCAP or cannot be read. A recording without usable frames is not an
+    /// If there is no recording, or a file is not of the kind that its name says, or cannot be read. A recording without usable frames is not an
     /// error.
     pub fn read(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
-        let recording = RecordingParts::find(path)?;
+        let recording = RecordingParts::find_any(path)?;
         let path = recording.path.clone();
         let mut recorded = RecordedTopics::new(&path);
-        let file = McapFile::scan(&recording, &mut recorded)?;
+        let file = RecordedFile::scan(&recording, &mut recorded)?;
         let (files, compression) = (recording.files.len(), file.compression());
         let RecordedTopics { mut contents, without_channel, .. } = recorded;
         contents.sort();
@@ -78,7 +82,7 @@ impl McapSummary {
         if without_channel > 0 {
             damage.push(format!("{}: {} messages belong to no topic", path.display(), without_channel));
         }
-        let topics = contents.topics.iter().map(|topic| McapTopic {
+        let topics = contents.topics.iter().map(|topic| RecordingTopic {
             name: topic.name.clone(),
             type_name: topic.type_name.clone(),
             encoding: topic.encoding.clone(),
@@ -93,12 +97,14 @@ impl McapSummary {
             unreadable: topic.unreadable.clone(),
         });
         let topics = topics.collect();
-        let scene = McapScene::from_contents((recording.name(), file), &contents, settings).map(|scene| McapFrames {
-            sources: scene.sources().to_vec(),
-            count: scene.frame_count(),
-            without_pose: scene.without_pose().to_vec(),
-            left_out: scene.left_out().to_vec(),
-        });
-        Ok(Self { path, files, compression, topics, damage, scene })
+        let scene =
+            RecordingScene::from_contents((recording.name(), file), &contents, settings).map(|scene| RecordingFrames {
+                sources: scene.sources().to_vec(),
+                count: scene.frame_count(),
+                without_pose: scene.without_pose().to_vec(),
+                left_out: scene.left_out().to_vec(),
+            });
+        let (format, title) = (recording.container.format(), recording.container.title());
+        Ok(Self { path, format, title, files, compression, topics, damage, scene })
     }
 }

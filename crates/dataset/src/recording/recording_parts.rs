@@ -1,5 +1,6 @@
 //! The files of a recording: one, or several into which rosbag2 has split it, each of which may be compressed.
 
+use super::container::Container;
 use super::zstd::{self, ZstdError};
 use crate::DatasetError;
 use crate::files::open_file;
@@ -10,12 +11,10 @@ use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Ending of a recording's name, and those of compressed ones. Which it is, the content says.
-const ENDING: &str = ".mcap";
+/// Endings of compressed files. Whether one is compressed, the content says.
 const COMPRESSED_ENDINGS: [&str; 2] = [".zstd", ".zst"];
 /// File of rosbag2 that lists those of a recording.
 const METADATA: &str = "metadata.yaml";
-const EXPECTED: &str = "a file <recording>.mcap, or <recording>.mcap.zstd";
 /// A compressed file may unpack to this many times its size, and always to the second number of bytes.
 const MAX_RATIO: u64 = 100;
 const ALWAYS_UNPACKED_BYTES: u64 = 1 << 30;
@@ -24,6 +23,7 @@ const READ_BUFFER_BYTES: usize = 1 << 20;
 /// A recording: its name in messages, and its files in order.
 #[derive(Clone, Debug)]
 pub(crate) struct RecordingParts {
+    pub(crate) container: Container,
     /// The file, or the folder of several.
     pub(crate) path: PathBuf,
     pub(crate) files: Vec<PathBuf>,
@@ -32,30 +32,37 @@ pub(crate) struct RecordingParts {
 }
 
 impl RecordingParts {
-    /// Returns true if a path has the name of a recording, or is a folder containing some.
-    pub(crate) fn looks_like(path: &Path) -> bool {
+    /// Returns true if a path has the name of a recording in a container, or is a folder containing some.
+    pub(crate) fn looks_like(path: &Path, container: Container) -> bool {
         if !path.is_dir() {
-            return stem(path).is_some();
+            return stem(path, container).is_some();
         }
-        !names_of_recordings(path).is_empty() || packed_otherwise(path).is_some()
+        !names_of_recordings(path, container).is_empty() || packed_otherwise(path, container).is_some()
     }
 
-    /// Finds the recording at a path: the file itself, or the only one in the folder.
+    /// Finds the recording at a path in any container: the file itself, or the only one in the folder.
     ///
     /// # Errors
     /// If the folder contains no recording, or several.
-    pub(crate) fn find(path: &Path) -> Result<Self, DatasetError> {
+    pub(crate) fn find_any(path: &Path) -> Result<Self, DatasetError> {
+        let container = Container::ALL.into_iter().find(|container| Self::looks_like(path, *container));
+        Self::find(path, container.unwrap_or(Container::Mcap))
+    }
+
+    /// Finds the recording at a path in a container: the file itself, or the only one in the folder.
+    ///
+    /// # Errors
+    /// If the folder contains no recording, or several.
+    pub(crate) fn find(path: &Path, container: Container) -> Result<Self, DatasetError> {
+        let only = |file: PathBuf| Self { container, path: file.clone(), files: vec![file], missing: Vec::new() };
         if !path.is_dir() {
-            return Ok(Self { path: path.to_owned(), files: vec![path.to_owned()], missing: Vec::new() });
+            return Ok(only(path.to_owned()));
         }
-        let names = names_of_recordings(path);
+        let names = names_of_recordings(path, container);
         match names.as_slice() {
-            [] => Err(no_recording(path)),
-            [only] => {
-                let file = path.join(only);
-                Ok(Self { path: file.clone(), files: vec![file], missing: Vec::new() })
-            }
-            several => split(path, several).ok_or_else(|| DatasetError::SeveralSequences {
+            [] => Err(no_recording(path, container)),
+            [name] => Ok(only(path.join(name))),
+            several => split(path, several, container).ok_or_else(|| DatasetError::SeveralSequences {
                 path: path.to_owned(),
                 sequences: several.iter().map(|name| name.to_string_lossy().into_owned()).collect(),
             }),
@@ -64,13 +71,14 @@ impl RecordingParts {
 
     /// Returns the recording's name: that of its file or folder, without endings.
     pub(crate) fn name(&self) -> String {
-        let name = stem(&self.path).or_else(|| Some(self.path.file_name()?.to_string_lossy().into_owned()));
+        let name =
+            stem(&self.path, self.container).or_else(|| Some(self.path.file_name()?.to_string_lossy().into_owned()));
         name.unwrap_or_else(|| "recording".to_owned())
     }
 }
 
 /// Returns the name of a recording without its endings; `None` for other files.
-fn stem(path: &Path) -> Option<String> {
+fn stem(path: &Path, container: Container) -> Option<String> {
     let name = path.file_name()?.to_string_lossy().into_owned();
     let without = |name: &str, ending: &str| {
         let start = name.len().checked_sub(ending.len())?;
@@ -78,26 +86,32 @@ fn stem(path: &Path) -> Option<String> {
         end.eq_ignore_ascii_case(ending).then(|| stem.to_owned())
     };
     let unpacked = COMPRESSED_ENDINGS.iter().find_map(|ending| without(&name, ending));
-    without(unpacked.as_deref().unwrap_or(&name), ENDING)
+    let unpacked = unpacked.as_deref().unwrap_or(&name);
+    container.endings().iter().find_map(|ending| without(unpacked, ending))
+}
+
+/// Returns true if a name in lower case ends like those of a container.
+fn ends_with_one_of(name: &str, container: Container) -> bool {
+    container.endings().iter().any(|ending| name.ends_with(ending))
 }
 
 /// Returns the names of the recordings in a folder. Of one that is there compressed and not, only the latter.
-fn names_of_recordings(folder: &Path) -> Vec<OsString> {
-    let stem_of = |name: &OsString| stem(Path::new(name));
+fn names_of_recordings(folder: &Path, container: Container) -> Vec<OsString> {
+    let stem_of = |name: &OsString| stem(Path::new(name), container);
     let names = all_names_in(folder).into_iter().filter(|name| folder.join(name).is_file());
     let names: Vec<OsString> = names.filter(|name| stem_of(name).is_some()).collect();
-    let is_plain = |name: &&OsString| name.to_string_lossy().to_ascii_lowercase().ends_with(ENDING);
+    let is_plain = |name: &&OsString| ends_with_one_of(&name.to_string_lossy().to_ascii_lowercase(), container);
     let plain: Vec<Option<String>> = names.iter().filter(is_plain).map(stem_of).collect();
     names.iter().filter(|name| is_plain(name) || !plain.contains(&stem_of(name))).cloned().collect()
 }
 
 /// Returns the parts of a recording that rosbag2 has split: beside its list, with one name and increasing numbers.
-fn split(folder: &Path, names: &[OsString]) -> Option<RecordingParts> {
+fn split(folder: &Path, names: &[OsString], container: Container) -> Option<RecordingParts> {
     if !folder.join(METADATA).is_file() {
         return None;
     }
     let numbered = |name: &OsString| {
-        let stem = stem(Path::new(name))?;
+        let stem = stem(Path::new(name), container)?;
         let (base, number) = stem.rsplit_once('_')?;
         Some((base.to_owned(), number.parse::<u64>().ok()?, folder.join(name)))
     };
@@ -114,28 +128,31 @@ fn split(folder: &Path, names: &[OsString]) -> Option<RecordingParts> {
     let missing = (first.1..=last.1).filter(|number| parts.iter().all(|(_, other, _)| other != number));
     let missing = missing.take(usize::try_from(most).unwrap_or(usize::MAX)).collect();
     let files = parts.into_iter().map(|(_, _, path)| path).collect();
-    Some(RecordingParts { path: folder.to_owned(), files, missing })
+    Some(RecordingParts { container, path: folder.to_owned(), files, missing })
 }
 
 /// Returns the error for a folder without recordings, which names those compressed in another way.
-fn no_recording(folder: &Path) -> DatasetError {
-    match packed_otherwise(folder) {
+fn no_recording(folder: &Path, container: Container) -> DatasetError {
+    match packed_otherwise(folder, container) {
         Some(name) => DatasetError::Field {
             path: folder.join(&name),
             field: "compression".to_owned(),
             found: format!("{:?}", name.rsplit('.').next().unwrap_or_default()),
-            expected: "zstd (.zstd or .zst), or a file that was unpacked to .mcap before".to_owned(),
+            expected: format!(
+                "zstd (.zstd or .zst), or a file that was unpacked to {} before",
+                container.endings().first().unwrap_or(&"")
+            ),
         },
-        None => DatasetError::NoFrames { path: folder.to_owned(), expected: EXPECTED },
+        None => DatasetError::NoFrames { path: folder.to_owned(), expected: container.expected() },
     }
 }
 
 /// Returns the first name in a folder of a recording that is compressed in an unknown way.
-fn packed_otherwise(folder: &Path) -> Option<String> {
+fn packed_otherwise(folder: &Path, container: Container) -> Option<String> {
     let names = all_names_in(folder).into_iter().map(|name| name.to_string_lossy().into_owned());
-    names.filter(|name| stem(Path::new(name)).is_none() && folder.join(name).is_file()).find(|name| {
+    names.filter(|name| stem(Path::new(name), container).is_none() && folder.join(name).is_file()).find(|name| {
         let lower = name.to_ascii_lowercase();
-        lower.rsplit_once('.').is_some_and(|(start, _)| start.ends_with(ENDING))
+        lower.rsplit_once('.').is_some_and(|(start, _)| ends_with_one_of(start, container))
     })
 }
 

@@ -1,7 +1,7 @@
 //! Decompression and checking of a recording's chunks.
 
+use bzip2::read::BzDecoder;
 use lz4_flex::frame::FrameDecoder;
-use mcap::records::ChunkHeader;
 use ruzstd::decoding::StreamingDecoder;
 use splatseg_files::{MemoryLimit, display_bytes};
 use std::borrow::Cow;
@@ -16,10 +16,11 @@ const USUAL_RATIO: usize = 8;
 
 /// Compression of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Compression {
+pub(super) enum Compression {
     None,
     Zstd,
     Lz4,
+    Bz2,
 }
 
 /// Location of a chunk in the file, and the expected size and CRC of its content.
@@ -29,34 +30,20 @@ pub(super) struct Chunk {
     pub(super) offset: u64,
     /// Number of stored bytes.
     pub(super) stored: u64,
-    unpacked: u64,
+    /// Number of bytes that it should unpack to.
+    pub(super) unpacked: u64,
     /// 0 if there is none.
-    crc: u32,
-    compression: Compression,
+    pub(super) crc: u32,
+    pub(super) compression: Compression,
 }
 
 impl Chunk {
-    /// Creates a chunk whose stored bytes begin at `offset`, after its header.
+    /// Returns the chunk if it can be unpacked.
     ///
     /// # Errors
-    /// Description of the unsupported compression or size.
-    pub(super) fn new(header: &ChunkHeader, offset: u64) -> Result<Self, String> {
-        let compression = match header.compression.as_str() {
-            "" | "none" => Compression::None,
-            "zstd" => Compression::Zstd,
-            "lz4" => Compression::Lz4,
-            other => return Err(format!("the compression {other:?} is not supported, only zstd and lz4 are")),
-        };
-        if let Some(what) = too_large(header.uncompressed_size) {
-            return Err(what);
-        }
-        Ok(Self {
-            offset,
-            stored: header.compressed_size,
-            unpacked: header.uncompressed_size,
-            crc: header.uncompressed_crc,
-            compression,
-        })
+    /// Description of the unsupported size.
+    pub(super) fn checked(self) -> Result<Self, String> {
+        too_large(self.unpacked).map_or(Ok(self), Err)
     }
 
     /// Returns true if its content is stored uncompressed.
@@ -75,6 +62,10 @@ impl Chunk {
             Compression::Lz4 => {
                 let content = self.read_content(FrameDecoder::new(stored), stored.len(), Vec::new());
                 Cow::Owned(content.map_err(|error| format!("damaged lz4 data: {error}"))?)
+            }
+            Compression::Bz2 => {
+                let content = self.read_content(BzDecoder::new(stored), stored.len(), Vec::new());
+                Cow::Owned(content.map_err(|error| format!("damaged bz2 data: {error}"))?)
             }
         };
         if content.len() as u64 != self.unpacked {

@@ -1,20 +1,31 @@
-//! ROS 2 recordings in MCAP files, as written by cameras and robots: images, camera infos, transforms and poses in CDR.
+//! Recordings of ROS messages, as written by cameras and robots: images, camera infos, transforms and poses.
 //!
-//! The file is read once on opening (`container.rs`), to list the topics and the times of their messages
-//! (`recorded_topics.rs`). Topics are chosen, colour and depth are paired by their stamps, and poses are interpolated as
-//! in [`ros_topics`](crate::ros_topics). Images are read on demand.
+//! Three containers hold them: MCAP (`mcap/`), SQLite (`sqlite/`) and the bags of ROS 1 (`bag/`), whose messages are
+//! converted to CDR. Each reader passes on topics and messages in order (`container.rs`), and reads a message again by its
+//! place (`recorded_file.rs`). All that follows is the same for them. What RealSense's SDK says in messages of its own is
+//! translated on the way (`realsense.rs`).
+//!
+//! The file is read once on opening, to list the topics and the times of their messages (`recorded_topics.rs`). Topics
+//! are chosen, colour and depth are paired by their stamps, and poses are interpolated as in
+//! [`ros_topics`](crate::ros_topics). Images are read on demand.
 
+mod bag;
+mod chunked_files;
 mod chunks;
 mod container;
+mod mcap;
 mod messages;
+mod realsense;
+mod recorded_file;
 mod recorded_topics;
 mod recording_parts;
+mod sqlite;
 mod summary;
-mod text_lengths;
 mod zstd;
 
+pub(crate) use container::Container;
 pub use messages::{RecordedMessage, read_messages};
-pub use summary::{McapFrames, McapSummary, McapTopic};
+pub use summary::{RecordingFrames, RecordingSummary, RecordingTopic};
 
 use crate::corrections::CorrectionList;
 use crate::own_camera::camera_place;
@@ -26,7 +37,7 @@ use crate::ros_topics::frames::{FrameMaker, Frames, PairedFrame};
 use crate::ros_topics::reader::{FrameReader, MessageSource};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry};
 use crate::{CorrectedPose, DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
-use container::McapFile;
+use recorded_file::RecordedFile;
 use recorded_topics::RecordedTopics;
 use recording_parts::RecordingParts;
 use splatseg_geometry::SegmentMap;
@@ -34,19 +45,14 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Layout of a recording, for messages.
-pub(crate) const LAYOUT: &str = "a file recording.mcap with ROS 2 messages: colour and depth images, camera infos, and \
-                                 transforms (/tf) or poses; or a folder with one, as rosbag2 writes it, also compressed \
-                                 with zstd";
-
-/// A recording of ROS 2 messages in an MCAP file, or in several into which rosbag2 has split it.
+/// A recording of ROS messages in a file of MCAP, SQLite or ROS 1, or in several into which rosbag2 has split it.
 ///
 /// Frames are those of the colour camera, undistorted and named by number. If depth is not registered to colour and has
 /// fewer pixels per degree, frames are downscaled to the resolution of depth.
 #[derive(Debug)]
-pub struct McapScene {
+pub struct RecordingScene {
     name: String,
-    file: McapFile,
+    file: RecordedFile,
     frames: Vec<PairedFrame>,
     poses: PoseCoverage,
     reader: FrameReader,
@@ -55,18 +61,26 @@ pub struct McapScene {
     corrections: CorrectionList,
 }
 
-impl McapScene {
+impl RecordingScene {
     /// Opens a recording, or the only one in a folder: reads all of it once, and chooses topics according to
     /// `settings`.
     ///
     /// # Errors
-    /// If there is no recording or there are several, the file is not an MCAP file, no topic or several are suitable, a
-    /// camera info is invalid, no frame has colour and depth, or there is a source of poses and no frame has one. A
-    /// recording without any source of poses has frames without poses.
+    /// If there is no recording or there are several, a file is not of the kind that its name says, no topic or several
+    /// are suitable, a camera info is invalid, no frame has colour and depth, or there is a source of poses and no frame
+    /// has one. A recording without any source of poses has frames without poses.
     pub fn open(path: &Path, settings: &DatasetSettings) -> Result<Self, DatasetError> {
-        let recording = RecordingParts::find(path)?;
+        Self::open_parts(&RecordingParts::find_any(path)?, settings)
+    }
+
+    /// Opens a recording in a container.
+    pub(crate) fn open_as(path: &Path, container: Container, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+        Self::open_parts(&RecordingParts::find(path, container)?, settings)
+    }
+
+    fn open_parts(recording: &RecordingParts, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         let mut recorded = RecordedTopics::new(&recording.path);
-        let file = McapFile::scan(&recording, &mut recorded)?;
+        let file = RecordedFile::scan(recording, &mut recorded)?;
         let mut contents = recorded.contents;
         contents.sort();
         for text in file.damage() {
@@ -77,12 +91,12 @@ impl McapScene {
 
     /// Returns true if a path has the name of a recording, or is a folder containing some.
     pub fn is_recording(path: &Path) -> bool {
-        looks_like(path)
+        Container::ALL.iter().any(|container| RecordingParts::looks_like(path, *container))
     }
 
     /// Builds the scene from a scanned recording and its name.
     fn from_contents(
-        (name, file): (String, McapFile),
+        (name, file): (String, RecordedFile),
         contents: &Contents,
         settings: &DatasetSettings,
     ) -> Result<Self, DatasetError> {
@@ -117,12 +131,12 @@ fn warn_of_unreadable(path: &Path, choice: &Choice<'_>) {
     }
 }
 
-/// Returns true if a path is a recording or a folder containing some.
-pub(crate) fn looks_like(path: &Path) -> bool {
-    RecordingParts::looks_like(path)
+/// Returns true if a path is a recording in a container, or a folder containing some.
+pub(crate) fn looks_like(path: &Path, container: Container) -> bool {
+    RecordingParts::looks_like(path, container)
 }
 
-impl Scene for McapScene {
+impl Scene for RecordingScene {
     fn name(&self) -> &str {
         &self.name
     }
@@ -166,7 +180,7 @@ impl Scene for McapScene {
     }
 
     fn format(&self) -> Option<Format> {
-        Some(Format::Mcap)
+        Some(self.file.container().format())
     }
 
     fn stored_color_size(&self, index: usize) -> Option<(usize, usize)> {
