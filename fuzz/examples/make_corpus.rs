@@ -8,7 +8,7 @@ use std::path::Path;
 fn main() -> std::io::Result<()> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/corpus"));
     let with_choice = |choice: u8, bytes: &[u8]| [&[choice], bytes].concat();
-    let templates: [(&str, fn(&Path)); 9] = [
+    let templates: [(&str, fn(&Path)); 11] = [
         ("images", scenes::images),
         ("sevenscenes", scenes::sevenscenes),
         ("scannet", scenes::scannet),
@@ -18,6 +18,8 @@ fn main() -> std::io::Result<()> {
         ("mvpd", scenes::mvpd),
         ("folder", scenes::folder),
         ("mcap", scenes::mcap),
+        ("db3", scenes::db3),
+        ("bag", scenes::bag),
     ];
     for (target, template) in templates {
         write(folder, target, &Place::new(template).seeds())?;

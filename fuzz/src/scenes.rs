@@ -162,6 +162,19 @@ pub fn mcap(folder: &Path) {
     write(folder, "a.mcap", without_checksums(recording_of(&frames)));
 }
 
+/// Recordings in SQLite, of two versions of RealSense's SDK.
+pub fn db3(folder: &Path) {
+    write(folder, "raw/a.db3", include_bytes!("../../crates/dataset/tests/data/recordings/realsense_2.58.db3"));
+    write(folder, "png/a.db3", include_bytes!("../../crates/dataset/tests/data/recordings/realsense_2.59.db3"));
+}
+
+/// Bags of ROS 1.
+pub fn bag(folder: &Path) {
+    write(folder, "lz4/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/room_lz4.bag"));
+    write(folder, "bz2/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/room_bz2.bag"));
+    write(folder, "realsense/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/realsense_2.56.bag"));
+}
+
 /// Images alone: labels in 8 and 16 bits, colour.
 pub fn images(folder: &Path) {
     let (frame, labels) = &room()[0];
