@@ -110,9 +110,7 @@ fn summaries_name_container_compression_and_topics() {
         let topics = summary.topics.into_iter();
         // Messages of ROS 1 are converted if their type is used.
         let encoding = |encoding: String| if encoding == "ros1" { "cdr".to_owned() } else { encoding };
-        let type_name = |name: String| name.replace("std_msgs/Float64", "std_msgs/msg/Float64");
-        let facts =
-            topics.map(|topic| (topic.name, type_name(topic.type_name), encoding(topic.encoding), topic.messages));
+        let facts = topics.map(|topic| (topic.name, topic.type_name, encoding(topic.encoding), topic.messages));
         facts.collect()
     };
     let expected = topics("room.mcap");
