@@ -15,6 +15,6 @@ settings! {
         max_pixels: usize = 76_800, Allowed::between(1.0, 1e7);
         /// Frames whose depth, once smoothed, deviates from planes by more than this at a distance of 2 m, metres, are
         /// segmented with weights for noisy depth, such as that of a stereo camera. Only the built-in weights have those.
-        noisy_depth: f64 = 0.006, Allowed::between(0.0, 1e6);
+        noisy_depth: f64 = 0.0075, Allowed::between(0.0, 1e6);
     }
 }
