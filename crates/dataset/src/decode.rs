@@ -55,11 +55,6 @@ pub(crate) fn read_color(path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     decode_color(path, &read_image_file(path, COLOR_IMAGE)?)
 }
 
-/// Reads a depth image, `[height, width]`, in metres from a 16-bit grey PNG. 0 and 65535 mean missing depth and become 0.
-pub(crate) fn read_depth(path: &Path, scale: DepthScale) -> Result<Image<f32>, DatasetError> {
-    decode_depth(path, &read_image_file(path, DEPTH_IMAGE)?, scale)
-}
-
 /// Reads a segment map, `[height, width]`, from a PNG in either form written by `splatseg run`: 8- or 16-bit grey with
 /// one value per segment, or 8-bit RGB as in COCO's panoptic format, id = R + 256 G + 65536 B.
 ///
@@ -109,7 +104,7 @@ pub(crate) fn decode_color(path: &Path, bytes: &[u8]) -> Result<Image<[u8; 3]>, 
     Ok(Image::from_fn(width, height, |column, row| pixels.get_pixel(column as u32, row as u32).0))
 }
 
-/// Like [`read_depth`], but from a file's bytes.
+/// Decodes a depth image, `[height, width]`, in metres from a 16-bit grey PNG. 0 and 65535 mean missing depth and become 0.
 pub(crate) fn decode_depth(path: &Path, bytes: &[u8], scale: DepthScale) -> Result<Image<f32>, DatasetError> {
     let stored = decode_grey16(path, DEPTH_IMAGE, bytes)?;
     Ok(stored.map(|stored| scale.metres(*stored)))
@@ -244,19 +239,8 @@ impl<'a> EncodedImage<'a> {
         self.decoding_failed(ImageError::Decoding(DecodingError::new(hint, error)))
     }
 
-    fn check_size(&self, (width, height): (u32, u32)) -> Result<(), DatasetError> {
-        let pixels = u64::from(width) * u64::from(height);
-        if pixels > MAX_PIXELS || pixels > self.bytes.len() as u64 * MAX_PIXELS_PER_BYTE {
-            return Err(DatasetError::ImplausibleSize {
-                path: self.path.to_owned(),
-                what: self.what,
-                width,
-                height,
-                bytes: self.bytes.len(),
-                limit: MAX_PIXELS,
-            });
-        }
-        require_decoding_memory(self.path, self.what, (width as usize, height as usize))
+    fn check_size(&self, size: (u32, u32)) -> Result<(), DatasetError> {
+        check_stated_size(self.path, self.what, self.bytes.len(), size)
     }
 
     /// Returns a decoder that has read the header, and checks the size it states.
@@ -292,6 +276,21 @@ impl<'a> EncodedImage<'a> {
         self.require_end()?;
         DynamicImage::from_decoder(self.decoder()?).map_err(|source| self.decoding_failed(source))
     }
+}
+
+/// Checks a size that a header states before memory is taken for it. `bytes` is the length of the file.
+pub(crate) fn check_stated_size(
+    path: &Path,
+    what: &'static str,
+    bytes: usize,
+    (width, height): (u32, u32),
+) -> Result<(), DatasetError> {
+    let pixels = u64::from(width) * u64::from(height);
+    if pixels > MAX_PIXELS || pixels > bytes as u64 * MAX_PIXELS_PER_BYTE {
+        let path = path.to_owned();
+        return Err(DatasetError::ImplausibleSize { path, what, width, height, bytes, limit: MAX_PIXELS });
+    }
+    require_decoding_memory(path, what, (width as usize, height as usize))
 }
 
 /// Returns true if a JPEG is truncated. The decoder of `image` silently fills the rest with grey. Compressed data

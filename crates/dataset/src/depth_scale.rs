@@ -15,17 +15,41 @@ const MIN_SHARE: usize = 100;
 
 /// Stored units per metre of depth: a stored value divided by it is in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct DepthScale(f32);
+pub(crate) struct DepthScale {
+    units_per_metre: f32,
+    source: ScaleSource,
+}
+
+/// Where a unit comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum ScaleSource {
+    /// The format's integers have this unit. It says nothing about files of numbers with fractions.
+    Format,
+    /// A file or setting states it for whatever is stored.
+    Stated,
+}
 
 impl DepthScale {
     /// The unit of most data sets.
-    pub(crate) const MILLIMETRES: Self = Self(1000.0);
+    pub(crate) const MILLIMETRES: Self = Self::of_format(1000.0);
     /// Depth that is stored as numbers with fractions.
-    pub(crate) const METRES: Self = Self(1.0);
+    pub(crate) const METRES: Self = Self::of_format(1.0);
 
     /// Creates the unit of a format.
     pub(crate) const fn of_format(units_per_metre: f32) -> Self {
-        Self(units_per_metre)
+        Self { units_per_metre, source: ScaleSource::Format }
+    }
+
+    const fn of_statement(units_per_metre: f64) -> Self {
+        Self { units_per_metre: units_per_metre as f32, source: ScaleSource::Stated }
+    }
+
+    /// Returns the unit of files that store numbers with fractions: metres, unless a file or setting states one.
+    pub(crate) fn of_floats(self) -> Self {
+        match self.source {
+            ScaleSource::Format => Self::METRES,
+            ScaleSource::Stated => self,
+        }
     }
 
     /// Returns the unit that a file states, or that of the settings if they have one, which replaces it.
@@ -39,7 +63,9 @@ impl DepthScale {
     ) -> Result<Self, DatasetError> {
         match Self::from_settings(settings) {
             Some(own) => Ok(own),
-            None if DatasetSettings::DEPTH_SCALES.accepts_number(units_per_metre) => Ok(Self(units_per_metre as f32)),
+            None if DatasetSettings::DEPTH_SCALES.accepts_number(units_per_metre) => {
+                Ok(Self::of_statement(units_per_metre))
+            }
             None => Err(DatasetError::Field {
                 path: path.to_owned(),
                 field: field.to_owned(),
@@ -54,7 +80,7 @@ impl DepthScale {
 
     /// Returns the unit of the settings; `None` if they have none. They must be valid.
     pub(crate) fn from_settings(settings: &DatasetSettings) -> Option<Self> {
-        settings.depth_scale.map(|units_per_metre| Self(units_per_metre as f32))
+        settings.depth_scale.map(Self::of_statement)
     }
 
     /// Returns the unit of the settings, otherwise this one.
@@ -64,12 +90,12 @@ impl DepthScale {
 
     /// Converts a stored depth to metres; 0 if it means "no measurement".
     pub(crate) fn metres(self, stored: u16) -> f32 {
-        if stored == NO_MEASUREMENT { 0.0 } else { f32::from(stored) / self.0 }
+        if stored == NO_MEASUREMENT { 0.0 } else { f32::from(stored) / self.units_per_metre }
     }
 
     /// Converts depth that is stored as a number with a fraction to metres.
     pub(crate) fn metres_of_float(self, stored: f32) -> f32 {
-        stored / self.0
+        stored / self.units_per_metre
     }
 }
 
@@ -135,6 +161,8 @@ mod tests {
         assert_eq!(DepthScale::MILLIMETRES.or_of(&own).metres(5000), 1.0);
         assert_eq!(DepthScale::METRES.or_of(&none).metres_of_float(1.25), 1.25);
         assert_eq!(DepthScale::MILLIMETRES.metres(u16::MAX), 0.0);
+        assert_eq!(DepthScale::MILLIMETRES.of_floats(), DepthScale::METRES);
+        assert_eq!(DepthScale::MILLIMETRES.or_of(&own).of_floats().metres_of_float(5000.0), 1.0);
     }
 
     #[test]

@@ -38,6 +38,16 @@ pub enum DatasetError {
         /// One line per format: its name and expected layout.
         supported: String,
     },
+    /// The path is a video of colour alone.
+    #[error(
+        "{}: a video without depth, and depth is needed: give the recording that has both (formats: README.md), or the \
+         video's frames and a depth image for each as a folder (docs/FOLDER_FORMAT.md)",
+        path.display()
+    )]
+    PlainVideo {
+        /// The given path.
+        path: PathBuf,
+    },
     /// The path is not a scene in the requested format.
     #[error("{}: not a scene of format {format}, expected layout: {layout}", path.display())]
     OtherFormat {
@@ -73,6 +83,16 @@ pub enum DatasetError {
     NoFrames {
         /// Folder that was searched.
         path: PathBuf,
+        /// Expected file names.
+        expected: &'static str,
+    },
+    /// The folder has the right layout, but its files are of other kinds than those that are read.
+    #[error("{}: no frames: found {found}, expected {expected}", path.display())]
+    OtherFiles {
+        /// Folder that was searched.
+        path: PathBuf,
+        /// Number of files by extension, e.g. `8 .bin`.
+        found: String,
         /// Expected file names.
         expected: &'static str,
     },

@@ -3,6 +3,7 @@
 
 use crate::depth_scale::require_no_depth_scale;
 use crate::own_camera::OwnCamera;
+use crate::plain_video::is_video;
 use crate::pose_convention::ConvertedPoses;
 use crate::recording::{self, Container, RecordingScene};
 use crate::synthetic::{self, SyntheticScene};
@@ -142,6 +143,7 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
     if settings.format == Format::Auto {
         return match detected(path) {
             Some(entry) => open(entry, path, settings),
+            None if is_video(path) => Err(DatasetError::PlainVideo { path: path.to_owned() }),
             None => Err(best_fit(path).unwrap_or_else(|| DatasetError::NotRecognised {
                 path: path.to_owned(),
                 supported: supported_formats().join("\n"),

@@ -9,6 +9,7 @@
 mod archive;
 mod corrections;
 mod decode;
+mod depth_file;
 mod depth_registration;
 mod depth_scale;
 mod description;
@@ -24,6 +25,7 @@ mod live;
 mod mvpd;
 mod own_camera;
 mod plain_folder;
+mod plain_video;
 mod plausibility;
 mod pose_convention;
 mod preset;

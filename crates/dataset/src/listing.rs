@@ -1,8 +1,10 @@
 //! Folders with numbered files.
 
+use crate::error::NAMES_IN_MESSAGES;
 use crate::recorded_poses::PoseCoverage;
 use crate::{DatasetError, LeftOut};
-use std::collections::BTreeSet;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -45,6 +47,24 @@ pub(crate) fn all_names_in(folder: &Path) -> Vec<OsString> {
 /// Returns the names in a folder that are valid UTF-8, sorted. Empty if the folder cannot be read.
 pub(crate) fn names_in(folder: &Path) -> Vec<String> {
     all_names_in(folder).into_iter().filter_map(|name| name.into_string().ok()).collect()
+}
+
+/// Returns the error for a folder without a file that is `expected`. It names the files that are there, if there are any.
+pub(crate) fn no_frames_in(folder: &Path, expected: &'static str) -> DatasetError {
+    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+    for name in all_names_in(folder) {
+        let ending = Path::new(&name).extension().map(|ending| format!(".{}", ending.to_string_lossy()));
+        *counts.entry(ending.unwrap_or_else(|| "without an extension".to_owned())).or_default() += 1;
+    }
+    // The most frequent first.
+    let mut counts: Vec<_> = counts.into_iter().collect();
+    counts.sort_by_key(|(_, count)| Reverse(*count));
+    let found: Vec<String> =
+        counts.iter().take(NAMES_IN_MESSAGES).map(|(ending, count)| format!("{count} {ending}")).collect();
+    match found.is_empty() {
+        true => DatasetError::NoFrames { path: folder.to_owned(), expected },
+        false => DatasetError::OtherFiles { path: folder.to_owned(), found: found.join(", "), expected },
+    }
 }
 
 /// Returns true if any name in a folder matches the pattern.

@@ -5,7 +5,8 @@
 //! The camera is described by `cam_params.json` in the scene's folder or its parent, as in NICE-SLAM's archive:
 //! `{"camera": {"w", "h", "fx", "fy", "cx", "cy", "scale"}}`, with `scale` depth units per metre.
 
-use crate::decode::{read_color, read_depth};
+use crate::decode::read_color;
+use crate::depth_file::{DEPTH_SUFFIXES, depth_path, read_depth};
 use crate::depth_scale::DepthScale;
 use crate::files::is_there;
 use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files};
@@ -22,7 +23,7 @@ use std::path::{Path, PathBuf};
 pub(crate) const LAYOUT: &str = "results/frame000000.jpg, results/depth000000.png, ..., traj.txt (optional), cam_params.json (optional, here or one folder up)";
 
 const COLOR: NamePattern = NamePattern { prefix: "frame", suffixes: &[".png", ".jpg", ".jpeg"] };
-const DEPTH: NamePattern = NamePattern { prefix: "depth", suffixes: &[".png"] };
+const DEPTH: NamePattern = NamePattern { prefix: "depth", suffixes: DEPTH_SUFFIXES };
 const IMAGES_FOLDER: &str = "results";
 const TRAJECTORY: &str = "traj.txt";
 const CAMERA_FILE: &str = "cam_params.json";
@@ -99,7 +100,7 @@ impl ReplicaScene {
 
     fn depth_path(&self, file: &NumberedFile) -> PathBuf {
         let digits = file.stem.trim_start_matches(COLOR.prefix);
-        self.folder.join(IMAGES_FOLDER).join(format!("depth{digits}.png"))
+        depth_path(&self.folder.join(IMAGES_FOLDER), &format!("depth{digits}"))
     }
 
     /// Returns the file and line of a pose, for messages.

@@ -4,7 +4,8 @@
 //! The published sequences have no intrinsics, and their depth is not registered to colour. Prepared ones may have
 //! registered depth and a `camera-intrinsics.txt` (3x3).
 
-use crate::decode::{read_color, read_depth};
+use crate::decode::read_color;
+use crate::depth_file::{depth_path, read_depth};
 use crate::depth_scale::DepthScale;
 use crate::listing::{
     NamePattern, NumberedFile, fits, folder_name, has_numbered_files, left_out_beside, names_in, numbered_files,
@@ -25,7 +26,8 @@ use std::path::{Path, PathBuf};
 pub(crate) const LAYOUT: &str = "frame-000000.color.png (or .jpg), frame-000000.depth.png, frame-000000.pose.txt (optional), ..., camera-intrinsics.txt (optional)";
 
 const COLOR: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".color.png", ".color.jpg", ".color.jpeg"] };
-const DEPTH: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".depth.png"] };
+const DEPTH: NamePattern = NamePattern { prefix: "frame-", suffixes: DEPTH_SUFFIXES };
+const DEPTH_SUFFIXES: &[&str] = &[".depth.png", ".depth.tiff", ".depth.tif", ".depth.npy", ".depth.exr", ".depth.pfm"];
 const POSE: NamePattern = NamePattern { prefix: "frame-", suffixes: &[".pose.txt"] };
 const INTRINSICS_FILE: &str = "camera-intrinsics.txt";
 
@@ -156,7 +158,7 @@ impl Scene for SevenScenesScene {
 
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let file = entry(&self.frames, index, &self.name)?;
-        let depth_path = self.part_of(file, DEPTH);
+        let depth_path = depth_path(&self.folder, &format!("{}.depth", file.stem));
         // Pose first: it is quick to read and the most likely to be damaged.
         let mut pose = read_pose(&self.part_of(file, POSE))?.map(|stated| self.pose_format.pose(&stated));
         let mut depth = read_depth(&depth_path, self.depth_scale)?;
@@ -200,7 +202,7 @@ impl Scene for SevenScenesScene {
 
     fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
         match (self.frames.get(index), part) {
-            (Some(file), FramePart::Depth) => self.part_of(file, DEPTH),
+            (Some(file), FramePart::Depth) => depth_path(&self.folder, &format!("{}.depth", file.stem)),
             (Some(file), FramePart::Pose) => self.part_of(file, POSE),
             (_, FramePart::Intrinsics) => camera_place(self.own_camera.as_ref(), &self.folder.join(INTRINSICS_FILE)),
             (None, _) => self.folder.clone(),

@@ -11,10 +11,11 @@ mod names;
 mod poses;
 
 use crate::corrections::CorrectionList;
-use crate::decode::{image_size, read_color, read_depth};
+use crate::decode::{image_size, read_color};
+use crate::depth_file::{DEPTH_ENDINGS, DEPTH_FILE_NAMES, read_depth};
 use crate::error::COLOR_IMAGE;
 use crate::files::is_there;
-use crate::listing::folder_name;
+use crate::listing::{folder_name, no_frames_in};
 use crate::own_camera::{OwnCamera, camera_place, no_camera};
 use crate::recorded_poses::{LOST, PoseCoverage};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
@@ -24,7 +25,7 @@ use assignment::{MAX_SECONDS_APART, poses_of};
 use camera_file::FolderCamera;
 use corrections::read_corrections;
 use frames::{FolderFrame, frames_of};
-use names::{COLOR_FOLDER, DEPTH_FOLDER, Images};
+use names::{COLOR_FOLDER, DEPTH_FOLDER, Images, Twins};
 pub use poses::{ListedPose, read_pose_list};
 use splatseg_geometry::SegmentMap;
 use std::ops::Range;
@@ -32,7 +33,7 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 /// Layout of a plain folder, for messages.
-pub(crate) const LAYOUT: &str = "color/<name>.jpg or .png, depth/<name>.png, ..., camera.json (or --fx), poses.txt (optional; docs/FOLDER_FORMAT.md)";
+pub(crate) const LAYOUT: &str = "color/<name>.jpg or .png, depth/<name>.png, .tiff, .npy, .exr or .pfm, ..., camera.json (or --fx), poses.txt (optional; docs/FOLDER_FORMAT.md)";
 
 const CAMERA_FILE: &str = "camera.json";
 const POSES: &str = "poses.txt";
@@ -157,15 +158,15 @@ impl CameraSource {
 
 /// Lists the colour and the depth images. There is at least one of each.
 fn list_images(folder: &Path) -> Result<(Images, Images), DatasetError> {
-    let list = |part: &str, endings: &[&str], expected| {
-        let images = Images::list(&folder.join(part), endings)?;
+    let list = |part: &str, endings: &[&str], twins, expected| {
+        let images = Images::list(&folder.join(part), endings, twins)?;
         if images.images.is_empty() {
-            return Err(DatasetError::NoFrames { path: folder.join(part), expected });
+            return Err(no_frames_in(&folder.join(part), expected));
         }
         Ok(images)
     };
-    let color = list(COLOR_FOLDER, &["jpg", "jpeg", "png"], "<name>.jpg, .jpeg or .png")?;
-    Ok((color, list(DEPTH_FOLDER, &["png"], "<name>.png")?))
+    let color = list(COLOR_FOLDER, &["jpg", "jpeg", "png"], Twins::Refused, "<name>.jpg, .jpeg or .png")?;
+    Ok((color, list(DEPTH_FOLDER, DEPTH_ENDINGS, Twins::FirstEnding, DEPTH_FILE_NAMES)?))
 }
 
 /// Returns the size of the first colour image that is not damaged.

@@ -22,6 +22,15 @@ pub(super) struct NamedImage {
     pub(super) seconds: Option<f64>,
 }
 
+/// What to do with two files of the same name but for the extension.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Twins {
+    /// They are an error.
+    Refused,
+    /// The one whose extension comes first is read: the same depth may be stored twice, for different programs.
+    FirstEnding,
+}
+
 /// The images of a folder.
 #[derive(Debug)]
 pub(super) struct Images {
@@ -35,8 +44,8 @@ impl Images {
     /// Lists the files with one of these extensions, in lower or upper case. Hidden files are skipped.
     ///
     /// # Errors
-    /// If the folder cannot be read, or contains two files with the same stem.
-    pub(super) fn list(folder: &Path, endings: &[&str]) -> Result<Self, DatasetError> {
+    /// If the folder cannot be read, or contains two files with the same stem that `twins` does not allow.
+    pub(super) fn list(folder: &Path, endings: &[&str], twins: Twins) -> Result<Self, DatasetError> {
         // Read here only for the error: an unreadable folder must not look like an empty one.
         std::fs::read_dir(folder).map_err(|source| DatasetError::Io { path: folder.to_owned(), source })?;
         let mut images = Vec::new();
@@ -46,15 +55,21 @@ impl Images {
                 unreadable += 1;
                 continue;
             };
-            let fits = |ending: &str| endings.iter().any(|known| known.eq_ignore_ascii_case(ending));
+            let rank = |ending: &str| endings.iter().position(|known| known.eq_ignore_ascii_case(ending));
             if let Some((stem, ending)) = name.rsplit_once('.')
-                && fits(ending)
+                && let Some(rank) = rank(ending)
                 && !name.starts_with('.')
             {
-                images.push(NamedImage { stem: stem.to_owned(), path: folder.join(name), seconds: None });
+                let image = NamedImage { stem: stem.to_owned(), path: folder.join(name), seconds: None };
+                images.push((rank, image));
             }
         }
-        images.sort_by(|a, b| by_name(&a.stem, &b.stem));
+        images.sort_by(|(a_rank, a), (b_rank, b)| by_name(&a.stem, &b.stem).then(a_rank.cmp(b_rank)));
+        if twins == Twins::FirstEnding {
+            images
+                .dedup_by(|(rank, later), (earlier_rank, earlier)| later.stem == earlier.stem && rank != earlier_rank);
+        }
+        let mut images: Vec<NamedImage> = images.into_iter().map(|(_, image)| image).collect();
         if let Some([first, second]) = images.array_windows().find(|[first, second]| first.stem == second.stem) {
             return Err(DatasetError::Field {
                 path: folder.to_owned(),

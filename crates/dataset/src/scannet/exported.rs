@@ -4,12 +4,14 @@
 
 use super::labels::InstanceLabels;
 use super::{Camera, Cameras};
-use crate::decode::{image_size, read_color, read_depth};
+use crate::decode::{image_size, read_color};
+use crate::depth_file::{DEPTH_FILE_NAMES, DEPTH_SUFFIXES, depth_path, depth_size, read_depth};
 use crate::depth_scale::DepthScale;
-use crate::error::{COLOR_IMAGE, DEPTH_IMAGE};
+use crate::error::COLOR_IMAGE;
 use crate::files::is_there;
 use crate::listing::{
-    NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files, pose_coverage,
+    NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, no_frames_in, numbered_files,
+    pose_coverage,
 };
 use crate::own_camera::{OwnCamera, no_camera};
 use crate::recorded_poses::PoseCoverage;
@@ -26,7 +28,7 @@ pub(crate) const LAYOUT: &str = "color/0.jpg, depth/0.png, pose/0.txt (optional)
 
 const COLOR: NamePattern = NamePattern { prefix: "", suffixes: &[".png", ".jpg", ".jpeg"] };
 
-const DEPTH: NamePattern = NamePattern { prefix: "", suffixes: &[".png"] };
+const DEPTH: NamePattern = NamePattern { prefix: "", suffixes: DEPTH_SUFFIXES };
 const POSE: NamePattern = NamePattern { prefix: "", suffixes: &[".txt"] };
 
 /// A ScanNet scene exported to folders.
@@ -54,13 +56,13 @@ impl ScannetScene {
         let color_folder = folder.join("color");
         let frames = numbered_files(&color_folder, COLOR)?;
         if frames.is_empty() {
-            return Err(DatasetError::NoFrames { path: color_folder, expected: "<number>.jpg or .png" });
+            return Err(no_frames_in(&color_folder, "<number>.jpg or .png"));
         }
         let others = [(folder.join("depth"), DEPTH), (folder.join("pose"), POSE)];
-        for ((part, pattern), expected) in others.iter().zip(["<number>.png", "<number>.txt"]) {
+        for ((part, pattern), expected) in others.iter().zip([DEPTH_FILE_NAMES, "<number>.txt"]) {
             let may_be_missing = pattern.suffixes == POSE.suffixes && !is_there(part);
             if !may_be_missing && !has_numbered_files(part, *pattern) {
-                return Err(DatasetError::NoFrames { path: part.clone(), expected });
+                return Err(no_frames_in(part, expected));
             }
         }
         let left_out = left_out_beside(&frames, &color_folder, &others);
@@ -73,7 +75,7 @@ impl ScannetScene {
     }
 
     fn depth_path(&self, file: &NumberedFile) -> PathBuf {
-        self.folder.join("depth").join(format!("{}.png", file.stem))
+        depth_path(&self.folder.join("depth"), &file.stem)
     }
 
     fn pose_path(&self, file: &NumberedFile) -> PathBuf {
@@ -155,7 +157,7 @@ impl Scene for ScannetScene {
         let file = entry(&self.frames, index, &self.name)?;
         let Some(source) = &self.labels else { return Ok(None) };
         let Some((path, labels)) = source.read(&file.stem)? else { return Ok(None) };
-        let depth = image_size(&self.depth_path(file), DEPTH_IMAGE)?;
+        let depth = depth_size(&self.depth_path(file))?;
         self.cameras.labels_at_depth(labels, &path, depth, || image_size(&file.path, COLOR_IMAGE)).map(Some)
     }
 

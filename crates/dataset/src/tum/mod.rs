@@ -12,7 +12,8 @@
 mod associate;
 mod lists;
 
-use crate::decode::{read_color, read_depth};
+use crate::decode::read_color;
+use crate::depth_file::read_depth;
 use crate::depth_scale::DepthScale;
 use crate::files::is_there;
 use crate::listing::folder_name;

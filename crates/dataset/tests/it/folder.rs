@@ -311,7 +311,7 @@ fn a_folder_without_any_complete_frame_is_reported() {
     assert!(error.contains("frames: found none with colour and depth (the"), "{error}");
     assert!(error.contains("the first images are color/a.jpg and depth/a_depth.png"), "{error}");
     fs::remove_file(folder.path().join("depth/a_depth.png")).unwrap();
-    assert_eq!(refused(folder.path()), "SCENE/depth: no frames: looked for <name>.png");
+    assert_eq!(refused(folder.path()), "SCENE/depth: no frames: looked for <name>.png, .tiff, .npy, .exr or .pfm");
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod color_images;
 mod containers;
 mod damage;
+mod depth_files;
 mod depth_scale;
 mod folder;
 mod folder_corrections;

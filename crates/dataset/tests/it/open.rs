@@ -26,6 +26,21 @@ fn missing_empty_and_unknown_paths_are_distinguished() {
 }
 
 #[test]
+fn a_plain_video_is_told_that_it_has_no_depth() {
+    let folder = tempfile::tempdir().unwrap();
+    let starts: [&[u8]; 3] =
+        [b"\0\0\0\x20ftypisom\0\0\x02\0", b"\x1A\x45\xDF\xA3\x9F\x42\x86\x81\x01aaa", b"RIFF\x10\0\0\0AVI "];
+    for (start, name) in starts.iter().zip(["clip.mp4", "clip.mkv", "clip.avi"]) {
+        let path = folder.path().join(name);
+        fs::write(&path, start).unwrap();
+        let error = open_scene(&path, &DatasetSettings::default()).unwrap_err();
+        assert!(matches!(error, DatasetError::PlainVideo { .. }), "{error}");
+        let told = error.to_string();
+        assert!(told.contains(&format!("{name}: a video without depth")) && !told.contains('\n'), "{told}");
+    }
+}
+
+#[test]
 fn a_stated_format_must_be_there() {
     let folder = tempfile::tempdir().unwrap();
     write_sevenscenes(folder.path(), 1);
