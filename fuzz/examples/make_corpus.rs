@@ -20,6 +20,8 @@ fn main() -> std::io::Result<()> {
         ("mcap", scenes::mcap),
         ("db3", scenes::db3),
         ("bag", scenes::bag),
+        ("depth_files", scenes::depth_files),
+        ("phones", scenes::phones),
     ];
     for (target, template) in templates {
         write(folder, target, &Place::new(template).seeds())?;

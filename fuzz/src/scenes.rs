@@ -3,6 +3,7 @@
 use crate::support::mcap::{recording_of, without_checksums};
 use crate::support::recording::{
     jpeg_bytes, png_color_bytes, png_depth_bytes, png_label_bytes, png_panoptic_bytes, recording, tar_gz_bytes,
+    zip_bytes,
 };
 use crate::support::sens::SensWriter;
 use crate::support::{pose_text, write_color, write_png16};
@@ -173,6 +174,98 @@ pub fn bag(folder: &Path) {
     write(folder, "lz4/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/room_lz4.bag"));
     write(folder, "bz2/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/room_bz2.bag"));
     write(folder, "realsense/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/realsense_2.56.bag"));
+}
+
+/// Plain folders with depth in every kind of file that is read.
+pub fn depth_files(folder: &Path) {
+    let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../crates/dataset/tests/data/depth_files"));
+    for name in DEPTH_FILES {
+        let (stem, ending) = name.split_once('.').expect("an extension");
+        fs::create_dir_all(folder.join(stem).join("color")).expect("a folder of the template");
+        write_color(&folder.join(stem).join("color/0.png"), 11, 19);
+        let bytes = fs::read(data.join(name)).expect("a depth file of the tests");
+        write(folder, &format!("{stem}/depth/0.{ending}"), bytes);
+        let camera = json!({
+            "width": 11, "height": 19, "fx": 20.0, "fy": 20.0, "cx": 5.0, "cy": 9.0, "depth_scale": 1.0,
+        });
+        write(folder, &format!("{stem}/camera.json"), camera.to_string());
+    }
+}
+
+/// The files of [`depth_files`]; each is in a folder of its name without the extension.
+pub const DEPTH_FILES: [&str; 8] = [
+    "doubles_tiles.tiff",
+    "integers_opencv.tiff",
+    "integers_deflate.tiff",
+    "floats.npy",
+    "floats_opencv.pfm",
+    "halves_rle.exr",
+    "floats_zip.exr",
+    "layers_zip.exr",
+];
+
+/// Scenes of [`phones`].
+pub const PHONES: [&str; 6] = ["room.r3d", "r3d", "polycam", "stray", "arkitscenes", "nerfstudio"];
+
+/// Recordings of phones and nerfstudio's list, of the first frame.
+pub fn phones(folder: &Path) {
+    let frame = &room()[0].0;
+    let (jpeg, depth) = (jpeg_bytes(frame.color()), png_depth_bytes(frame.depth(), 1000.0));
+    let levels = vec![1; frame.depth().pixels().len()];
+    let confidence = image::GrayImage::from_raw(24, 16, levels.clone()).expect("24x16 pixels");
+    let grey = |name: &str| confidence.save(folder.join(name)).expect("a file of the template");
+    let mut packed = [Vec::new(), Vec::new()];
+    let metres: Vec<u8> = frame.depth().pixels().iter().flat_map(|depth| depth.to_le_bytes()).collect();
+    lzfse_rust::encode_bytes(&metres, &mut packed[0]).expect("LZFSE");
+    lzfse_rust::encode_bytes(&levels, &mut packed[1]).expect("LZFSE");
+    let metadata = json!({
+        "w": 24, "h": 16, "dw": 24, "dh": 16, "fps": 30, "K": [20, 0, 0, 0, 20, 0, 12, 8, 1],
+        "poses": [[0, 0, 0, 1, 1, 2, 3]], "frameTimestamps": [0.0], "perFrameIntrinsicCoeffs": [[20, 20, 12, 8]],
+    });
+    let [packed_depth, packed_levels] = packed;
+    let members = [
+        ("metadata", metadata.to_string().into_bytes()),
+        ("rgbd/0.jpg", jpeg.clone()),
+        ("rgbd/0.depth", packed_depth),
+        ("rgbd/0.conf", packed_levels),
+    ]
+    .map(|(name, bytes)| (name.to_owned(), bytes));
+    write(folder, "room.r3d", zip_bytes(&members));
+    members.iter().for_each(|(name, bytes)| write(folder, &format!("r3d/{name}"), bytes));
+
+    let mut camera = json!({"fx": 20.0, "fy": 20.0, "cx": 12.0, "cy": 8.0, "width": 24, "height": 16});
+    for (index, number) in [1, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1, 3].into_iter().enumerate() {
+        camera[format!("t_{}{}", index / 4, index % 4)] = json!(number);
+    }
+    write(folder, "polycam/keyframes/images/262195552056.jpg", &jpeg);
+    write(folder, "polycam/keyframes/depth/262195552056.png", &depth);
+    write(folder, "polycam/keyframes/cameras/262195552056.json", camera.to_string());
+    write(folder, "polycam/keyframes/confidence/262195552056.png", "");
+    grey("polycam/keyframes/confidence/262195552056.png");
+
+    write(folder, "stray/rgb/000000.jpg", &jpeg);
+    write(folder, "stray/depth/000000.png", &depth);
+    write(folder, "stray/camera_matrix.csv", "20, 0, 12\n0, 20, 8\n0, 0, 1\n");
+    let columns = "timestamp, frame, x, y, z, qx, qy, qz, qw, fx, fy, cx, cy";
+    write(folder, "stray/odometry.csv", format!("{columns}\n9.5, 000000, 1, 2, 3, 0, 0, 0, 1, 20, 20, 12, 8\n"));
+    write(folder, "stray/confidence/000000.png", "");
+    grey("stray/confidence/000000.png");
+
+    write(folder, "arkitscenes/lowres_wide/4_10.5.png", png_color_bytes(frame.color()));
+    write(folder, "arkitscenes/lowres_depth/4_10.5.png", &depth);
+    write(folder, "arkitscenes/lowres_wide_intrinsics/4_10.5.pincam", "24 16 20 20 12 8");
+    write(folder, "arkitscenes/lowres_wide.traj", "10.5 0.1 0.2 0.3 1 2 3\n");
+
+    let transforms = json!({
+        "fl_x": 20.0, "fl_y": 20.0, "cx": 12.0, "cy": 8.0, "w": 24, "h": 16, "k1": 0.1, "p1": 0.001,
+        "frames": [{
+            "file_path": "0.jpg", "depth_file_path": "0.png",
+            "transform_matrix": [[1, 0, 0, 1], [0, 1, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]],
+        }],
+    });
+    write(folder, "nerfstudio/transforms.json", transforms.to_string());
+    write(folder, "nerfstudio/0.jpg", &jpeg);
+    write(folder, "nerfstudio/0.png", &depth);
 }
 
 /// Images alone: labels in 8 and 16 bits, colour.

@@ -125,7 +125,17 @@ pub(crate) fn decode_grey16(path: &Path, what: &'static str, bytes: &[u8]) -> Re
 
 /// Like [`read_labels`], but from a file's bytes.
 pub(crate) fn decode_labels(path: &Path, bytes: &[u8]) -> Result<SegmentMap, DatasetError> {
-    let file = EncodedImage::new(path, SEGMENT_IMAGE, bytes)?;
+    decode_grey(path, SEGMENT_IMAGE, bytes)
+}
+
+/// Reads an 8- or 16-bit grey PNG, `[height, width]`. `what` names the image in errors.
+pub(crate) fn read_grey(path: &Path, what: &'static str) -> Result<Image<u32>, DatasetError> {
+    decode_grey(path, what, &read_image_file(path, what)?)
+}
+
+/// Like [`read_grey`], but from a file's bytes.
+fn decode_grey(path: &Path, what: &'static str, bytes: &[u8]) -> Result<Image<u32>, DatasetError> {
+    let file = EncodedImage::new(path, what, bytes)?;
     let expected = "a PNG with 8- or 16-bit grey";
     file.require_png(&[(GREY, 8), (GREY, 16)], expected)?;
     match file.decode()? {

@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 /// Depth value that Kinect drivers write for missing measurements, like 0.
 const NO_MEASUREMENT: u16 = u16::MAX;
 
+/// Depth farther than this is none, metres: renderers write 1e10 where they see nothing.
+const MAX_DEPTH_M: f32 = 1e5;
+
 /// Depth below this is shown as `0.00 m`, and no depth camera measures it, metres.
 const LEAST_DEPTH_M: f32 = 0.005;
 
@@ -38,6 +41,11 @@ impl DepthScale {
     /// Creates the unit of a format.
     pub(crate) const fn of_format(units_per_metre: f32) -> Self {
         Self { units_per_metre, source: ScaleSource::Format }
+    }
+
+    /// Creates the unit of a format that has it in every file, also in those with fractions.
+    pub(crate) const fn of_every_number(units_per_metre: f32) -> Self {
+        Self { units_per_metre, source: ScaleSource::Stated }
     }
 
     const fn of_statement(units_per_metre: f64) -> Self {
@@ -96,6 +104,13 @@ impl DepthScale {
     /// Converts depth that is stored as a number with a fraction to metres.
     pub(crate) fn metres_of_float(self, stored: f32) -> f32 {
         stored / self.units_per_metre
+    }
+
+    /// Converts depth that is stored as a number with a fraction to metres; 0 if it is not positive, not finite or too far.
+    pub(crate) fn measured(self, stored: f32) -> f32 {
+        let metres = self.metres_of_float(stored);
+        // NaN is in no range.
+        if (0.0..MAX_DEPTH_M).contains(&metres) { metres } else { 0.0 }
     }
 }
 
@@ -163,6 +178,13 @@ mod tests {
         assert_eq!(DepthScale::MILLIMETRES.metres(u16::MAX), 0.0);
         assert_eq!(DepthScale::MILLIMETRES.of_floats(), DepthScale::METRES);
         assert_eq!(DepthScale::MILLIMETRES.or_of(&own).of_floats().metres_of_float(5000.0), 1.0);
+    }
+
+    #[test]
+    fn what_is_no_depth_is_missing() {
+        let stored = [0.0, 1.5, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e10];
+        let found = stored.map(|stored| DepthScale::METRES.measured(stored));
+        assert_eq!(found, [0.0, 1.5, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
 
     #[test]

@@ -11,6 +11,8 @@ pub(crate) const NAMES_IN_MESSAGES: usize = 5;
 pub(crate) const COLOR_IMAGE: &str = "colour image";
 /// Name of depth images in errors.
 pub(crate) const DEPTH_IMAGE: &str = "depth image";
+/// Name of images of confidence in errors.
+pub(crate) const CONFIDENCE_IMAGE: &str = "confidence image";
 /// Name of segment images in errors.
 pub(crate) const SEGMENT_IMAGE: &str = "segment image";
 

@@ -31,6 +31,16 @@ choices! {
         Db3 = "db3",
         /// A recording of ROS 1, or a folder containing one.
         Bag = "bag",
+        /// A Record3D recording, `.r3d`, or the folder it was unpacked to.
+        R3d = "r3d",
+        /// nerfstudio's `transforms.json` whose frames have `depth_file_path`, or a folder with it.
+        Nerfstudio = "nerfstudio",
+        /// Polycam's raw data: a folder with `keyframes/`.
+        Polycam = "polycam",
+        /// A Stray Scanner recording, with its video (needs `ffmpeg`) or extracted images.
+        Stray = "stray",
+        /// An ARKitScenes video, raw or of the 3DOD subset.
+        ArkitScenes = "arkitscenes",
         /// The built-in synthetic room.
         Synthetic = "synthetic",
     }
@@ -87,7 +97,7 @@ mod tests {
             assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
         }
         let error = "kitti".parse::<Format>().unwrap_err();
-        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, db3, bag, synthetic";
+        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, db3, bag, r3d, nerfstudio, polycam, stray, arkitscenes, synthetic";
         assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
     }
 }

@@ -9,7 +9,7 @@ use crate::recording::{self, Container, RecordingScene};
 use crate::synthetic::{self, SyntheticScene};
 use crate::{DatasetError, DatasetSettings, DepthRegistration, Format, Scene};
 use crate::{FolderScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
-use crate::{mvpd, plain_folder, replica, scannet, sevenscenes, tum};
+use crate::{arkitscenes, mvpd, nerfstudio, plain_folder, polycam, r3d, replica, scannet, sevenscenes, stray, tum};
 use splatseg_settings::SettingError;
 use std::path::Path;
 use std::sync::Arc;
@@ -112,6 +112,46 @@ const FORMATS: &[FormatEntry] = &[
         looks_like: |path| recording::looks_like(path, Container::Bag),
         is_whole: |_| true,
         open: |path, settings| Ok(Arc::new(RecordingScene::open_as(path, Container::Bag, settings)?)),
+    },
+    FormatEntry {
+        format: Format::R3d,
+        layout: r3d::LAYOUT,
+        parts: |_| Vec::new(),
+        looks_like: r3d::looks_like,
+        is_whole: |_| true,
+        open: |path, settings| Ok(Arc::new(r3d::open(path, settings)?)),
+    },
+    FormatEntry {
+        format: Format::Nerfstudio,
+        layout: nerfstudio::LAYOUT,
+        parts: nerfstudio::parts,
+        looks_like: nerfstudio::looks_like,
+        is_whole: nerfstudio::is_whole,
+        open: |path, settings| Ok(Arc::new(nerfstudio::open(path, settings)?)),
+    },
+    FormatEntry {
+        format: Format::Polycam,
+        layout: polycam::LAYOUT,
+        parts: polycam::parts,
+        looks_like: polycam::looks_like,
+        is_whole: |_| true,
+        open: |path, settings| Ok(Arc::new(polycam::open(path, settings)?)),
+    },
+    FormatEntry {
+        format: Format::Stray,
+        layout: stray::LAYOUT,
+        parts: stray::parts,
+        looks_like: stray::looks_like,
+        is_whole: |_| true,
+        open: |path, settings| Ok(Arc::new(stray::open(path, settings)?)),
+    },
+    FormatEntry {
+        format: Format::ArkitScenes,
+        layout: arkitscenes::LAYOUT,
+        parts: arkitscenes::parts,
+        looks_like: arkitscenes::looks_like,
+        is_whole: |_| true,
+        open: |path, settings| Ok(Arc::new(arkitscenes::open(path, settings)?)),
     },
     FormatEntry {
         format: Format::Synthetic,
@@ -226,11 +266,17 @@ fn open(entry: &FormatEntry, path: &Path, settings: &DatasetSettings) -> Result<
     }
     let scene = (entry.open)(path, settings)?;
     let format = settings.pose_format();
-    // 7-Scenes converts poses before it moves them to the colour camera.
-    if format.is_default() || entry.format == Format::SevenScenes {
+    if format.is_default() || converts_poses(entry.format) {
         return Ok(scene);
     }
     Ok(Arc::new(ConvertedPoses { scene, format }))
+}
+
+/// Returns true for formats whose readers apply the settings about poses themselves: before they move them to the colour
+/// camera (7-Scenes), or around a convention of their own.
+fn converts_poses(format: Format) -> bool {
+    use Format::{ArkitScenes, Nerfstudio, Polycam, R3d, SevenScenes, Stray};
+    matches!(format, SevenScenes | R3d | Nerfstudio | Polycam | Stray | ArkitScenes)
 }
 
 /// Returns one line per supported format: its name and layout.

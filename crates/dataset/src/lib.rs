@@ -7,6 +7,7 @@
 //! name to `format_names.rs` and one row to the table in `formats.rs`.
 
 mod archive;
+mod arkitscenes;
 mod corrections;
 mod decode;
 mod depth_file;
@@ -18,17 +19,21 @@ mod files;
 mod format_names;
 mod formats;
 mod frame_checks;
+mod frame_list;
 mod frame_source;
 mod framing;
 mod listing;
 mod live;
 mod mvpd;
+mod nerfstudio;
 mod own_camera;
 mod plain_folder;
 mod plain_video;
 mod plausibility;
+mod polycam;
 mod pose_convention;
 mod preset;
+mod r3d;
 mod recorded_poses;
 mod recording;
 mod recording_file;
@@ -42,6 +47,7 @@ mod scene;
 mod settings;
 mod sevenscenes;
 mod stamps;
+mod stray;
 mod stream;
 mod synthetic;
 mod text;

@@ -39,9 +39,20 @@ impl ZippedImages {
         Ok(Self { path: path.to_owned(), archive: Mutex::new(archive) })
     }
 
+    /// Returns the path of a member, for messages.
+    pub(crate) fn place(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// Returns the names of all members, without those that are not text.
+    pub(crate) fn names(&self) -> Vec<String> {
+        let archive = self.archive.lock().unwrap_or_else(PoisonError::into_inner);
+        archive.file_names().flatten().map(|name| name.into_owned()).collect()
+    }
+
     /// Reads a member; also returns its path for messages. `None` if there is no such member.
     pub(crate) fn read(&self, name: &str, what: &'static str) -> Result<Option<(PathBuf, Vec<u8>)>, DatasetError> {
-        let path = self.path.join(name);
+        let path = self.place(name);
         let damaged = |source: std::io::Error| DatasetError::Archive { path: path.clone(), source };
         // A panicked reader leaves no state behind, because every read seeks first.
         let mut archive = self.archive.lock().unwrap_or_else(PoisonError::into_inner);

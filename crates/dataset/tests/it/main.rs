@@ -1,5 +1,6 @@
 //! The integration tests of this crate, in one program: it is linked once.
 
+mod arkitscenes;
 mod color_images;
 mod containers;
 mod damage;
@@ -20,14 +21,18 @@ mod mcap_transforms;
 #[path = "support/messages.rs"]
 mod messages;
 mod mvpd;
+mod nerfstudio;
 mod open;
 mod own_camera;
+mod polycam;
+mod r3d;
 mod real_data;
 mod realsense;
 mod replica;
 mod scannet;
 mod sens;
 mod sevenscenes;
+mod stray;
 mod stream;
 mod support;
 mod synthetic;

@@ -3,6 +3,7 @@
 
 pub mod mcap;
 pub mod mvpd;
+pub mod phones;
 pub mod recording;
 pub mod sens;
 pub mod two_ways;
