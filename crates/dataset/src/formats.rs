@@ -3,7 +3,7 @@
 
 use crate::depth_scale::require_no_depth_scale;
 use crate::own_camera::OwnCamera;
-use crate::plain_video::is_video;
+use crate::plain_video::video_error;
 use crate::pose_convention::ConvertedPoses;
 use crate::recording::{self, Container, RecordingScene};
 use crate::synthetic::{self, SyntheticScene};
@@ -183,8 +183,7 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
     if settings.format == Format::Auto {
         return match detected(path) {
             Some(entry) => open(entry, path, settings),
-            None if is_video(path) => Err(DatasetError::PlainVideo { path: path.to_owned() }),
-            None => Err(best_fit(path).unwrap_or_else(|| DatasetError::NotRecognised {
+            None => Err(video_error(path).or_else(|| best_fit(path)).unwrap_or_else(|| DatasetError::NotRecognised {
                 path: path.to_owned(),
                 supported: supported_formats().join("\n"),
             })),

@@ -9,7 +9,7 @@ use tempfile::TempDir;
 /// Letters of `ffmpeg`'s message that are repeated.
 const MESSAGE_LETTERS: usize = 300;
 
-/// Extracts the frames as `0.png`, `1.png`, ... of `size` `(width, height)` to a temporary folder, unturned, as depth is.
+/// Extracts the frames as `000000.png`, `000001.png`, ... of `size` `(width, height)` to a temporary folder, unturned, as depth is.
 /// `program` is `ffmpeg`.
 ///
 /// # Errors
@@ -23,7 +23,7 @@ pub(super) fn extract(program: &str, video: &Path, size: (usize, usize)) -> Resu
     // Every frame of the video once, at the scale of depth, with the same pixels on every machine.
     command.args(["-fps_mode", "passthrough", "-start_number", "0", "-vf"]);
     command.arg(format!("scale={}:{}:flags=area+accurate_rnd+bitexact", size.0, size.1));
-    command.arg(folder.path().join("%d.png"));
+    command.arg(folder.path().join("%06d.png"));
     let output = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).output();
     let failed = |found: String| DatasetError::Field {
         path: video.to_owned(),
@@ -61,9 +61,10 @@ mod tests {
     #[test]
     fn frames_are_written_to_a_folder_that_is_removed() {
         let folder = tempfile::tempdir().unwrap();
-        let script = r#"for last; do true; done; touch "$(dirname "$last")/0.png"; echo "$*" > "$(dirname "$0")/log""#;
+        let script =
+            r#"for last; do true; done; touch "$(dirname "$last")/000000.png"; echo "$*" > "$(dirname "$0")/log""#;
         let frames = extract(&program(folder.path(), script), Path::new("rgb.mp4"), (256, 192)).unwrap();
-        assert!(frames.path().join("0.png").is_file());
+        assert!(frames.path().join("000000.png").is_file());
         let log = std::fs::read_to_string(folder.path().join("log")).unwrap();
         assert!(log.contains("-noautorotate -i rgb.mp4") && log.contains("scale=256:192:flags=area"), "{log}");
         let path = frames.path().to_owned();
