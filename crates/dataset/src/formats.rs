@@ -3,16 +3,20 @@
 
 use crate::depth_scale::require_no_depth_scale;
 use crate::own_camera::OwnCamera;
-use crate::plain_video::video_error;
 use crate::pose_convention::ConvertedPoses;
 use crate::recording::{self, Container, RecordingScene};
 use crate::synthetic::{self, SyntheticScene};
+use crate::unread_files::file_error;
 use crate::{DatasetError, DatasetSettings, DepthRegistration, Format, Scene};
 use crate::{FolderScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
 use crate::{arkitscenes, mvpd, nerfstudio, plain_folder, polycam, r3d, replica, scannet, sevenscenes, stray, tum};
 use splatseg_settings::SettingError;
 use std::path::Path;
 use std::sync::Arc;
+
+/// The files that are scenes, for messages.
+pub(crate) const FILES: &str =
+    ".mcap, .db3, .bag, .r3d (a zip file), .sens, .tar.gz of MVPd, transforms.json with depth";
 
 /// Function that opens a scene of one format.
 type OpenScene = fn(&Path, &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError>;
@@ -183,7 +187,7 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
     if settings.format == Format::Auto {
         return match detected(path) {
             Some(entry) => open(entry, path, settings),
-            None => Err(video_error(path).or_else(|| best_fit(path)).unwrap_or_else(|| DatasetError::NotRecognised {
+            None => Err(file_error(path).or_else(|| best_fit(path)).unwrap_or_else(|| DatasetError::NotRecognised {
                 path: path.to_owned(),
                 supported: supported_formats().join("\n"),
             })),

@@ -28,7 +28,6 @@ mod mvpd;
 mod nerfstudio;
 mod own_camera;
 mod plain_folder;
-mod plain_video;
 mod plausibility;
 mod polycam;
 mod pose_convention;
@@ -53,6 +52,7 @@ mod synthetic;
 mod text;
 mod tum;
 mod undistort;
+mod unread_files;
 
 pub use corrections::CorrectedPose;
 pub use decode::{read_color_image, read_segments_png};

@@ -19,6 +19,7 @@ use crate::ros_topics::reader::RegisteredImages;
 use crate::scene::{FramePart, FrameParts, LeftOut, entry};
 use crate::undistort::Undistortion;
 use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
+use glam::DVec3;
 use splatseg_geometry::{Distortion, Image, Intrinsics, Pose, SegmentMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -75,11 +76,12 @@ pub(crate) struct FrameListScene {
     list: FrameList,
     poses: PoseCoverage,
     own_camera: Option<OwnCamera>,
+    world_up: Option<DVec3>,
     undistortions: [LastUndistortion; 2],
 }
 
 impl FrameListScene {
-    /// Makes a scene of a list that is not empty. Uses only `fx` to `cy` of `settings`.
+    /// Makes a scene of a list that is not empty. Uses only `fx` to `cy` and those about poses of `settings`.
     ///
     /// # Errors
     /// If the settings give a camera in part.
@@ -87,7 +89,10 @@ impl FrameListScene {
         let own_camera = OwnCamera::from_settings(settings)?;
         let lost = list.frames.iter().filter(|frame| frame.world_from_camera.is_none()).count();
         let poses = PoseCoverage::new(list.frames.len(), [(lost, format!("whose pose is missing or {LOST}"))]);
-        Ok(Self { list, poses, own_camera, undistortions: Default::default() })
+        // ARKit measures gravity: y is up.
+        let is_arkit = matches!(list.format, Format::R3d | Format::Polycam | Format::Stray);
+        let world_up = (is_arkit && settings.pose_format().is_default()).then_some(DVec3::Y);
+        Ok(Self { list, poses, own_camera, world_up, undistortions: Default::default() })
     }
 
     /// Returns the camera of a colour image of `size` `(width, height)`.
@@ -212,6 +217,10 @@ impl Scene for FrameListScene {
 
     fn without_pose(&self) -> &[LeftOut] {
         if self.has_poses() { self.poses.without_pose() } else { &[] }
+    }
+
+    fn world_up(&self) -> Option<DVec3> {
+        self.world_up
     }
 
     fn has_ground_truth(&self) -> bool {

@@ -21,8 +21,30 @@ fn missing_empty_and_unknown_paths_are_distinguished() {
     {
         assert!(text.contains(part), "{text}");
     }
-    let file = open_scene(folder.path().join("notes.txt"), &settings);
-    assert!(matches!(file, Err(DatasetError::NotRecognised { .. })));
+}
+
+#[test]
+fn files_that_are_not_read_are_told_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let told = |name: &str, content: &[u8]| {
+        let path = folder.path().join(name);
+        fs::write(&path, content).unwrap();
+        let error = open_scene(&path, &DatasetSettings::default()).unwrap_err().to_string();
+        assert!(!error.contains('\n'), "{error}");
+        error
+    };
+    let notes = told("notes.txt", b"hello, this is no recording");
+    assert!(
+        notes.contains("found a file that begins with \"hello, this is n\", expected a recording: .mcap"),
+        "{notes}"
+    );
+    assert!(told("empty", b"").contains("begins with nothing"));
+    // Named like a recording, but not one.
+    assert!(told("room.r3d", b"\x01\x02").contains(".r3d (a zip file)"));
+    assert!(told("a.oni", b"NI10\0\0").contains("found a recording of OpenNI"));
+    assert!(told("b.SVO2", b"any").contains("found a recording of a ZED camera"));
+    assert!(told("c.h5", b"\x89HDF\r\n\x1a\n").contains("found an HDF5 file"));
+    assert!(told("frames.zip", b"PK\x03\x04\0").contains("the folder that it unpacks to"));
 }
 
 #[test]

@@ -3,10 +3,13 @@
 use crate::support::phones::*;
 use crate::support::recording::{jpeg_bytes, zip_bytes};
 use crate::support::*;
-use glam::{DMat3, DMat4, DQuat};
+use glam::{DMat3, DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
-use splatseg_dataset::{DatasetSettings, Format, Framing, QuaternionOrder, open_scene, read_color_image};
+use splatseg_dataset::{
+    DatasetSettings, Format, Framing, PoseConvention, QuaternionOrder, open_scene, read_color_image,
+};
 use splatseg_geometry::{CameraFrame, CowImage, Image, Intrinsics, Pose, RgbdFrame};
+use splatseg_settings::Choice;
 use std::fs;
 use std::path::Path;
 use std::time::Duration;
@@ -152,6 +155,17 @@ fn settings_apply() {
     assert_eq!(read.frame.intrinsics().fx, 17.5);
     let plain = expected(&after_jpeg(&frames()[1]), camera(1)).depth;
     assert!(read.frame.depth().pixels().iter().zip(plain).all(|(read, plain)| (read - plain / 2.0).abs() < 1e-6));
+}
+
+#[test]
+fn gravity_is_known_unless_poses_are_converted() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("room.r3d");
+    write(&path, &metadata());
+    let up = |settings: &DatasetSettings| open_scene(&path, settings).unwrap().world_up();
+    assert_eq!(up(&DatasetSettings::default()), Some(DVec3::Y));
+    let inverse = PoseConvention::from_name("world-to-camera").unwrap();
+    assert_eq!(up(&DatasetSettings::default().with(|settings| settings.pose_convention = inverse)), None);
 }
 
 #[test]

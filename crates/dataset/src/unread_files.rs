@@ -1,0 +1,73 @@
+//! Files that are not read, told by their first bytes or name: videos, recordings of other programs, and the rest.
+
+use crate::DatasetError;
+use crate::files::open_file;
+use crate::formats::FILES;
+use std::io::Read;
+use std::path::Path;
+
+/// Azure Kinect's tags and attachments come before the images.
+const HEAD_BYTES: u64 = 1 << 20;
+/// Start of the names of Azure Kinect's tags.
+const KINECT_TAG: &[u8] = b"K4A_";
+/// So many bytes of an unknown file are shown.
+const SHOWN_BYTES: usize = 16;
+
+/// Files of other programs: first bytes, ending of the name, either of which may be empty; what they are, and what to do.
+const FOREIGN: [(&[u8], &str, &str, &str); 7] = [
+    (b"NI10", ".oni", "a recording of OpenNI", "its frames, extracted with NiViewer or OpenNI's samples, as a folder"),
+    (b"", ".svo", "a recording of a ZED camera", "an MCAP recording of its ROS 2 wrapper, which plays the file"),
+    (b"", ".svo2", "a recording of a ZED camera", "an MCAP recording of its ROS 2 wrapper, which plays the file"),
+    (b"\x89HDF\r\n", "", "an HDF5 file", "its images as a folder: HDF5 has no layout of its own for RGB-D video"),
+    (b"", ".klg", "a log of Kintinuous or ElasticFusion", "its frames as a folder"),
+    (b"PK\x03\x04", "", "a zip file", "the folder that it unpacks to"),
+    (
+        b"ply\n",
+        "",
+        "a PLY file, a point cloud or a saved map",
+        "the recording it was made of; --load-memory continues a map",
+    ),
+];
+
+/// Returns the error for a file that no format reads; `None` for a folder.
+pub(crate) fn file_error(path: &Path) -> Option<DatasetError> {
+    let mut head = Vec::new();
+    if !path.is_file() || open_file(path).ok()?.take(HEAD_BYTES).read_to_end(&mut head).is_err() {
+        return None;
+    }
+    Some(video_error(path, &head).unwrap_or_else(|| unknown_file(path, &head)))
+}
+
+/// The error for a file that is no video.
+fn unknown_file(path: &Path, head: &[u8]) -> DatasetError {
+    let name = path.to_string_lossy().to_ascii_lowercase();
+    let is_it = |(start, ending, ..): &&(&[u8], &str, &str, &str)| {
+        (!start.is_empty() && head.starts_with(start)) || (!ending.is_empty() && name.ends_with(ending))
+    };
+    let (found, expected) = match FOREIGN.iter().find(is_it) {
+        Some((.., what, instead)) => ((*what).to_owned(), format!("{instead} (docs/FOLDER_FORMAT.md)")),
+        None => {
+            let shown = &head[..head.len().min(SHOWN_BYTES)];
+            let start = if shown.is_empty() { "nothing".to_owned() } else { format!("\"{}\"", shown.escape_ascii()) };
+            (format!("a file that begins with {start}"), format!("a recording: {FILES}; or a folder"))
+        }
+    };
+    DatasetError::Field { path: path.to_owned(), field: "format".to_owned(), found, expected }
+}
+
+/// Returns the error for a video in a usual container: MP4 and QuickTime, Matroska and WebM, or AVI; `None` for other files.
+fn video_error(path: &Path, head: &[u8]) -> Option<DatasetError> {
+    let is_mp4 = head.get(4..8) == Some(b"ftyp");
+    let is_matroska = head.starts_with(&[0x1A, 0x45, 0xDF, 0xA3]);
+    let is_avi = head.starts_with(b"RIFF") && head.get(8..12) == Some(b"AVI ");
+    if is_matroska && head.windows(KINECT_TAG.len()).any(|window| window == KINECT_TAG) {
+        return Some(DatasetError::Field {
+            path: path.to_owned(),
+            field: "format".to_owned(),
+            found: "a recording of Azure Kinect, which is not read yet".to_owned(),
+            expected: "its colour and depth, registered, as a folder (docs/FOLDER_FORMAT.md), or a recording of its ROS driver"
+                .to_owned(),
+        });
+    }
+    (is_mp4 || is_matroska || is_avi).then(|| DatasetError::PlainVideo { path: path.to_owned() })
+}
