@@ -114,6 +114,13 @@ impl DepthScale {
     }
 }
 
+/// Returns the number of millimetres that is read as exactly this depth in metres; `None` if there is none.
+pub fn whole_millimetres(depth_m: f32) -> Option<u16> {
+    // Rounds, and saturates what is not a number of 16 bits.
+    let stored = (depth_m * 1000.0).round() as u16;
+    (DepthScale::MILLIMETRES.metres(stored).to_bits() == depth_m.to_bits()).then_some(stored)
+}
+
 /// Refuses the setting for a scene without stored depth.
 ///
 /// # Errors
@@ -185,6 +192,17 @@ mod tests {
         let stored = [0.0, 1.5, -1.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 1e10];
         let found = stored.map(|stored| DepthScale::METRES.measured(stored));
         assert_eq!(found, [0.0, 1.5, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn only_depth_that_is_read_back_exactly_is_whole_millimetres() {
+        for stored in 0..NO_MEASUREMENT {
+            assert_eq!(whole_millimetres(DepthScale::MILLIMETRES.metres(stored)), Some(stored));
+        }
+        let next = f32::from_bits(1.5_f32.to_bits() + 1);
+        for other in [next, 0.0005, 65.535, 65.536, 1e30, -0.0, -1.0, f32::NAN, f32::INFINITY, f32::MIN_POSITIVE] {
+            assert_eq!(whole_millimetres(other), None, "{other}");
+        }
     }
 
     #[test]

@@ -57,6 +57,7 @@ mod unread_files;
 pub use corrections::CorrectedPose;
 pub use decode::{read_color_image, read_segments_png};
 pub use depth_registration::DepthRegistration;
+pub use depth_scale::whole_millimetres;
 pub use description::SceneDescription;
 pub use error::{DatasetError, FrameReadError};
 pub use format_names::{Format, FormatNameError};

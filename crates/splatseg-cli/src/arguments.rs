@@ -3,6 +3,7 @@
 use super::Failure;
 use super::batch::BatchArguments;
 use super::bench::BenchArguments;
+use super::convert::ConvertArguments;
 use super::devices::DevicesArguments;
 use super::eval::EvalArguments;
 use super::export::ExportArguments;
@@ -74,6 +75,8 @@ pub enum Command {
     BatchWorker,
     /// Show the contents of a checkpoint (network, tensors, parameters) or a recording (topics and the ones used)
     Inspect(Box<InspectArguments>),
+    /// Write a scene of any format as a recording of ROS 2 messages (MCAP), without loss
+    Convert(Box<ConvertArguments>),
     /// Write the objects of a saved memory as PLY files, for viewers and other programs
     Export(ExportArguments),
     /// Compare two saved memories of a place: what is gone, new, moved, unchanged or was not looked at
@@ -91,8 +94,8 @@ pub enum Command {
 impl Command {
     /// True for the commands that have threads, but no setting for their number.
     pub fn has_fixed_threads(&self) -> bool {
-        use Command::{Diff, Eval, Export, Find, Inspect, Locate};
-        matches!(self, Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_))
+        use Command::{Convert, Diff, Eval, Export, Find, Inspect, Locate};
+        matches!(self, Convert(_) | Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_))
     }
 }
 

@@ -6,6 +6,7 @@ mod terminal;
 mod arguments;
 mod batch;
 mod bench;
+mod convert;
 mod demo;
 mod devices;
 mod eval;
@@ -65,6 +66,7 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Batch(batch) => batch::batch(&batch, program),
         Command::BatchWorker => batch::work(),
         Command::Inspect(inspect) => inspect::inspect(&inspect),
+        Command::Convert(convert) => convert::convert(&convert),
         Command::Export(export) => export::export(&export),
         Command::Diff(diff) => map_changes::diff(&diff),
         Command::Find(find) => find::find(&find),

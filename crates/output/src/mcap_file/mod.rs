@@ -17,6 +17,7 @@
 //! object, or that earlier poses were wrong.
 
 mod recording;
+mod scene_recording;
 mod scene_update;
 mod stream_recording;
 
@@ -26,6 +27,7 @@ use crate::run_output::written_ids;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
 use glam::DVec3;
 use recording::Recording;
+pub use scene_recording::{SceneCounts, SceneRecording};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, RemappedId, SegmentId};
 use splatseg_objects::RemapLog;

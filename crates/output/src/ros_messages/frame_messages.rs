@@ -10,12 +10,12 @@ use splatseg_ros::{
 };
 use std::io;
 
-fn in_camera(stamp: Time) -> Header {
+pub(super) fn in_camera(stamp: Time) -> Header {
     Header { stamp, frame_id: CAMERA.to_owned() }
 }
 
 /// Converts to the 32-bit number of a message.
-pub(super) fn number(value: usize) -> io::Result<u32> {
+pub(crate) fn number(value: usize) -> io::Result<u32> {
     u32::try_from(value).map_err(io::Error::other)
 }
 
@@ -83,6 +83,11 @@ pub fn camera_info(stamp: Time, camera: &Intrinsics) -> io::Result<CameraInfo> {
 /// The message of an overlay; `jpeg` is a JPEG file.
 pub fn overlay(stamp: Time, jpeg: &[u8]) -> CompressedImage<'_> {
     CompressedImage { header: in_camera(stamp), format: "jpeg", data: jpeg }
+}
+
+/// The message of a colour image; `png` is a PNG file of it.
+pub fn color_png(stamp: Time, png: &[u8]) -> CompressedImage<'_> {
+    CompressedImage { header: in_camera(stamp), format: "rgb8; png compressed rgb8", data: png }
 }
 
 /// The pixels of an id image, little-endian.

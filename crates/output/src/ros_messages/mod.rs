@@ -2,10 +2,13 @@
 //!
 //! Headers name the coordinate frames [`WORLD`], [`MAP`] and [`CAMERA`].
 
+mod depth_messages;
 mod frame_messages;
 mod object_messages;
 
-pub use frame_messages::{CameraPose, IdPixels, camera_info, camera_pose, id_image, map_origin, overlay};
+pub use depth_messages::{DepthPixels, depth_image};
+pub(crate) use frame_messages::number;
+pub use frame_messages::{CameraPose, IdPixels, camera_info, camera_pose, color_png, id_image, map_origin, overlay};
 pub(crate) use object_messages::{BOX_OPACITY, TEXT_HEIGHT};
 pub use object_messages::{PointBytes, ShownObject, detections, markers};
 

@@ -41,6 +41,8 @@ impl FileKind {
         name: "a recording by splatseg",
         start: McapFile::START,
     };
+    /// A converted scene.
+    pub const CONVERTED: Self = Self { option: "OUT.mcap", ..Self::MCAP };
     /// The part of the stream that a live session used.
     pub const RECORDING: Self = Self { option: "--record", ..Self::MCAP };
 

@@ -26,6 +26,7 @@ pub use frame_history::FrameHistory;
 pub use report::{RunTimes, report};
 pub use saved_run::SavedFrame;
 pub use saved_run::SavedRun;
+pub use skipped_frames::SkippedFrames;
 pub use stop_signals::StopSignals;
 
 use super::arguments::RunArguments;

@@ -42,7 +42,8 @@ impl SkippedFrames {
         }
     }
 
-    fn add_unread(&mut self, error: &FrameReadError) -> Option<String> {
+    /// Counts a frame that could not be read. Returns its message if it is the first of its kind.
+    pub fn add_unread(&mut self, error: &FrameReadError) -> Option<String> {
         let pose = match error.source.as_ref() {
             DatasetError::Pose { source, .. } => Some(discriminant(source)),
             _ => None,

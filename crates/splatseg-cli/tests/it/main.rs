@@ -5,6 +5,7 @@ mod benchmark;
 #[path = "support/browser.rs"]
 mod browser;
 mod command;
+mod convert;
 mod coordinates;
 mod crate_count;
 mod devices;
