@@ -245,7 +245,7 @@ fn bad_usage_exits_with_2_and_names_the_option() {
         (&["--stride", "0"], "stride"),
         (&["--resize", "big"], "resize"),
         (&["--crop-border", "400"], "crop_border"),
-        (&["--format", "bag"], "7scenes"),
+        (&["--format", "avi"], "7scenes"),
         (&["--set", "memory.feature_dims=3"], "feature_dims"),
         (&["--set", "memory.feature_dim=0"], "memory.feature_dim"),
         (&["--set", "memory.kind=votes"], "kind"),
