@@ -73,7 +73,7 @@ pub enum Command {
     /// Process jobs from standard input
     #[command(hide = true)]
     BatchWorker,
-    /// Show the contents of a checkpoint (network, tensors, parameters) or a recording (topics and the ones used)
+    /// Show the contents of a checkpoint (network, tensors, parameters), a recording (topics and the ones used) or a scene
     Inspect(Box<InspectArguments>),
     /// Write a scene of any format as a recording of ROS 2 messages (MCAP), without loss
     Convert(Box<ConvertArguments>),

@@ -1,6 +1,7 @@
-//! `splatseg inspect`: shows the contents of a checkpoint or a recording.
+//! `splatseg inspect`: shows the contents of a checkpoint, a recording or a scene.
 
 mod recording;
+mod scene;
 
 use super::Failure;
 use super::options::{CameraOptions, TopicOptions};
@@ -14,7 +15,8 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub struct InspectArguments {
-    /// A checkpoint (.pt from Ultralytics or Meta, or .safetensors) or a recording (.mcap, .db3, .bag, or a folder with one)
+    /// A checkpoint (.pt from Ultralytics or Meta, or .safetensors), a recording (.mcap, .db3, .bag, or a folder with one), or
+    /// a scene: a folder in any format of `run`, or a .sens file
     pub file: PathBuf,
     /// Also write the checkpoint as a .safetensors file, without a pickle; an existing file is not replaced
     #[arg(long, value_name = "FILE.safetensors")]
@@ -32,6 +34,9 @@ pub struct InspectArguments {
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     if RecordingScene::is_recording(&arguments.file) {
         return recording::inspect(arguments);
+    }
+    if scene::is_scene(&arguments.file) {
+        return scene::inspect(arguments);
     }
     let checkpoint = Checkpoint::open(&arguments.file).map_err(Failure::input)?;
     print(&checkpoint);

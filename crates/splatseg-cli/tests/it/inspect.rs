@@ -1,6 +1,8 @@
 //! `splatseg inspect`: its output and its errors.
 
-use crate::support::{Ended, FASTSAM_WEIGHTS, RECOGNISED_AS_EDGETAM, finish, splatseg, write_zeros};
+use crate::support::{
+    Ended, FASTSAM_WEIGHTS, RECOGNISED_AS_EDGETAM, file_names, finish, numbered_scene, splatseg, write_zeros,
+};
 use serde_json::json;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -182,4 +184,34 @@ fn bad_files_are_one_line_errors() {
     let ended = inspect(&folder.path().join("absent.pt"), &[]);
     assert_eq!((ended.code, ended.err.lines().count()), (2, 1));
     assert!(ended.err.contains("absent.pt: cannot open"), "{}", ended.err);
+}
+
+#[test]
+fn shows_what_a_run_reads_from_a_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = numbered_scene(folder.path(), 3);
+    let ended = inspect(&scene, &[]);
+    assert_eq!((ended.code, ended.err.as_str()), (0, ""));
+    for start in [
+        "kind           scene, format scannet",
+        "frames         3",
+        "camera         fx ",
+        "depth          ",
+        "times          none",
+    ] {
+        assert!(ended.out.lines().any(|line| line.starts_with(start)), "{start}\n{}", ended.out);
+    }
+    assert!(ended.out.contains("poses          recorded\n"), "{}", ended.out);
+    let refused = inspect(&scene, &["--tensors"]);
+    assert_eq!((refused.code, refused.err.lines().count()), (2, 1), "{}", refused.err);
+
+    fs::write(scene.join("color").join(&file_names(&scene.join("color"))[0]), "no image").unwrap();
+    let damaged = inspect(&scene, &[]);
+    assert_eq!(damaged.code, 0, "{}", damaged.err);
+    assert!(damaged.out.contains("damaged        frame 0 (0) cannot be used: "), "{}", damaged.out);
+
+    fs::remove_dir_all(scene.join("depth")).unwrap();
+    let missing = inspect(&scene, &[]);
+    assert_eq!((missing.code, missing.err.lines().count()), (2, 1), "{}", missing.err);
+    assert!(missing.err.contains("depth"), "{}", missing.err);
 }

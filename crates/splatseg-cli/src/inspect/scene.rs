@@ -1,0 +1,87 @@
+//! `splatseg inspect FOLDER`: shows what a run would read from a scene, without reading all frames.
+
+use super::InspectArguments;
+use crate::Failure;
+use crate::terminal::counted;
+use splatseg_dataset::{DatasetSettings, FrameSource, FrameStream, GroundTruth, LeftOut, Scene, open_scene};
+use splatseg_geometry::CameraFrame;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+/// The largest value of the setting: no image that can be read is downscaled.
+const MAX_PIXELS: usize = 67_108_864;
+/// Extension of ScanNet's files with a whole scene.
+const SENS: &str = "sens";
+
+/// Returns true if a path is that of a scene, not of a checkpoint.
+pub fn is_scene(path: &Path) -> bool {
+    path.is_dir() || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(SENS))
+}
+
+/// Prints what is known about a scene from its files, its first good frame, and the time of its last one.
+pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
+    if arguments.convert.is_some() || arguments.tensors {
+        let message = "--convert and --tensors are for checkpoints, this is a scene";
+        return Err(Failure::input(format!("{}: {message}", arguments.file.display())));
+    }
+    let mut settings = arguments.topics.settings(&arguments.camera)?;
+    // The camera is that of the stored images.
+    settings.max_pixels = MAX_PIXELS;
+    let scene = open_scene(&arguments.file, &settings).map_err(Failure::input)?;
+    say!("file           {}", arguments.file.display());
+    let format = scene.format().map_or("a scene", |format| format.name());
+    say!("kind           scene, format {format}");
+    say!("frames         {}", scene.frame_count());
+    print_all("left out", scene.left_out());
+    print_first_frame(&scene, &settings)?;
+    say!("poses          {}", if scene.has_poses() { "recorded" } else { "none: a run tracks the camera" });
+    print_all("no pose", scene.without_pose());
+    say!("ground truth   {}", if scene.has_ground_truth() { "segments" } else { "none" });
+    scene.sources().iter().for_each(|source| say!("  {source}"));
+    Ok(())
+}
+
+fn print_all(title: &str, kinds: &[LeftOut]) {
+    for kind in kinds {
+        say!("  {title}: {} {}", counted(kind.count, "frame"), kind.what);
+    }
+}
+
+/// Prints sizes, camera and times. Fails if no frame can be read.
+fn print_first_frame(scene: &Arc<dyn Scene>, settings: &DatasetSettings) -> Result<(), Failure> {
+    let mut stream = FrameStream::open(Arc::clone(scene), settings, GroundTruth::Skip).map_err(Failure::input)?;
+    let description = stream.description().clone();
+    let mut first_error = None;
+    let first = stream.find_map(|frame| frame.map_err(|error| first_error.get_or_insert(error).index).ok());
+    if let Some(error) = &first_error {
+        say!("damaged        {error}");
+    }
+    let Some(first) = first.map(|first| first.frame) else {
+        return Err(Failure::input(format!("{}: none of its frames can be read", scene.name())));
+    };
+    let stored = description.color_size.filter(|size| *size != (first.width(), first.height()));
+    let stored = stored.map_or_else(String::new, |(width, height)| format!(", colour stored as {width}x{height}"));
+    say!("size           {}x{}{stored}", first.width(), first.height());
+    let camera = first.intrinsics();
+    say!("camera         fx {}, fy {}, cx {}, cy {}", camera.fx, camera.fy, camera.cx, camera.cy);
+    match description.depth_range_m {
+        Some((nearest, farthest)) => say!("depth          {nearest:.2} to {farthest:.2} m in the first frame"),
+        None => say!("depth          none in the first frame"),
+    }
+    say!("times          {}", times_text(scene.as_ref(), &first));
+    Ok(())
+}
+
+fn times_text(scene: &dyn Scene, first: &CameraFrame<'_>) -> String {
+    let Some(start) = first.timestamp() else { return "none".to_owned() };
+    let last = scene.frame_count().checked_sub(1).and_then(|last| scene.read_recorded(last).ok());
+    let seconds = |time: Duration| time.as_secs_f64();
+    match last.and_then(|last| last.frame.timestamp()) {
+        Some(end) => {
+            let (start, end) = (seconds(start), seconds(end));
+            format!("{start:.3} s to {end:.3} s, {:.1} s", end - start)
+        }
+        None => format!("from {:.3} s, that of the last frame is unknown", seconds(start)),
+    }
+}
