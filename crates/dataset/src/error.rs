@@ -40,6 +40,16 @@ pub enum DatasetError {
         /// One line per format: its name and expected layout.
         supported: String,
     },
+    /// The path is a file that no format reads.
+    #[error("{}: format: found {found}, expected {expected}", path.display())]
+    UnknownFile {
+        /// The given path.
+        path: PathBuf,
+        /// What it is, or how it begins.
+        found: String,
+        /// What to give instead.
+        expected: String,
+    },
     /// The path is a video of colour alone.
     #[error(
         "{}: a video without depth, and depth is needed: give the recording that has both (formats: README.md), or the \

@@ -52,7 +52,7 @@ fn unknown_file(path: &Path, head: &[u8]) -> DatasetError {
             (format!("a file that begins with {start}"), format!("a recording: {FILES}; or a folder"))
         }
     };
-    DatasetError::Field { path: path.to_owned(), field: "format".to_owned(), found, expected }
+    DatasetError::UnknownFile { path: path.to_owned(), found, expected }
 }
 
 /// Returns the error for a video in a usual container: MP4 and QuickTime, Matroska and WebM, or AVI; `None` for other files.

@@ -85,7 +85,7 @@ fn true_poses(arguments: &EvalArguments, truth: &Path) -> Result<Vec<StampedPose
     let dataset = arguments.dataset.over(&base)?;
     let scene = match open_scene(truth, &dataset) {
         Ok(scene) => scene,
-        Err(DatasetError::NotRecognised { .. } | DatasetError::OtherFormat { .. }) if truth.is_file() => {
+        Err(DatasetError::UnknownFile { .. } | DatasetError::OtherFormat { .. }) if truth.is_file() => {
             return read_trajectory(truth).map_err(Failure::input);
         }
         Err(error) => return Err(Failure::input(error)),
