@@ -338,7 +338,7 @@ def test_turned_samples_have_the_size_of_all_others(tmp_path, monkeypatch):
     view = dataset.read_folder(str(tmp_path))[0][1]
     shapes, numbers = [], []
 
-    def measure(z, colour, ids, camera, rng):
+    def measure(z, colour, ids, camera, rng, _noisy):
         shapes.append(z.shape)
         z = z.copy()
         z[:, :20] = 0  # a band to the left, in the sensor's own frame
