@@ -194,7 +194,7 @@ fn read_camera(path: &Path) -> Result<ListedCamera, DatasetError> {
         expected: "6 numbers: width height fx fy cx cy",
     })?;
     let [fx, fy, cx, cy] = [fx, fy, cx, cy].map(|number| number as f32);
-    // Conversion of negative numbers and NaN gives 0, which is no size.
+    // Negative numbers and NaN become 0, which is refused as a size.
     ListedCamera::pinhole(Intrinsics { fx, fy, cx, cy, width: width as usize, height: height as usize }, path)
 }
 

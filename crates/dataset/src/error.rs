@@ -45,9 +45,9 @@ pub enum DatasetError {
     UnknownFile {
         /// The given path.
         path: PathBuf,
-        /// What it is, or how it begins.
+        /// The kind of file, or its first bytes.
         found: String,
-        /// What to give instead.
+        /// The input to use instead.
         expected: String,
     },
     /// The path is a video of colour alone.

@@ -74,7 +74,7 @@ pub(super) struct Channel {
     pixel_type: PixelType,
 }
 
-/// What the header says.
+/// The fields of the header.
 pub(super) struct Header {
     /// `(width, height)`.
     pub(super) size: (usize, usize),

@@ -39,7 +39,7 @@ impl NumberType {
     }
 }
 
-/// What the header says.
+/// The fields of the header.
 struct Header {
     number_type: NumberType,
     /// `(width, height)`.

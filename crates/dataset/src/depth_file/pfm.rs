@@ -8,7 +8,7 @@ use crate::text::shortened;
 /// A number in the header has at most this many letters.
 const MAX_WORD_BYTES: usize = 40;
 
-/// What the header says.
+/// The fields of the header.
 struct Header {
     /// `(width, height)`.
     size: (usize, usize),

@@ -58,7 +58,7 @@ impl ListedCamera {
     }
 }
 
-/// What a format found.
+/// The frames that a format has listed, and how to read them.
 #[derive(Debug)]
 pub(crate) struct FrameList {
     pub(crate) name: String,

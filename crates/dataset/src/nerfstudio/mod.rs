@@ -85,7 +85,7 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
     FrameListScene::new(list, settings)
 }
 
-/// What is common to all frames.
+/// Values shared by all frames.
 struct Reader<'a> {
     file: &'a Path,
     folder: &'a Path,
