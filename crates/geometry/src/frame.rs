@@ -156,6 +156,17 @@ impl<'a> CameraFrame<'a> {
         RgbdFrame { camera: self, world_from_camera }
     }
 
+    /// Borrows the frame's pixels as a new frame.
+    pub fn as_borrowed(&self) -> CameraFrame<'_> {
+        CameraFrame {
+            name: self.name.clone(),
+            timestamp: self.timestamp,
+            color: self.color.as_borrowed(),
+            depth: self.depth.as_borrowed(),
+            intrinsics: self.intrinsics,
+        }
+    }
+
     /// Converts to a frame that owns its pixels. Copies borrowed pixels.
     pub fn into_owned(self) -> CameraFrame<'static> {
         CameraFrame { color: self.color.into_owned(), depth: self.depth.into_owned(), ..self }

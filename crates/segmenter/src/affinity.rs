@@ -136,6 +136,10 @@ impl Segmenter for AffinitySegmenter {
         "affinity"
     }
 
+    fn needs_all_pixels(&self) -> bool {
+        false
+    }
+
     fn prefers_upright(&self) -> bool {
         true
     }

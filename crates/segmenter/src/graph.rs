@@ -49,6 +49,10 @@ impl Segmenter for GraphSegmenter {
         "graph"
     }
 
+    fn needs_all_pixels(&self) -> bool {
+        false
+    }
+
     fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         let settings = &self.settings;
         let scaled = resolution::ScaledFrame::new(frame, settings.max_pixels);

@@ -40,6 +40,12 @@ pub trait Segmenter: Send {
         false
     }
 
+    /// True if it segments large frames better than reduced ones. If not, frames of more pixels than `working_pixels` are
+    /// reduced for it. True if not implemented.
+    fn needs_all_pixels(&self) -> bool {
+        true
+    }
+
     /// Returns the segments of `frame`. Empty masks are left out, so the list is empty if nothing was found. A segmenter that
     /// knows only masks returns `masks.into()`.
     ///

@@ -69,7 +69,7 @@ impl EarlierFrames {
             let Some((position, (_, line))) = next else { continue };
             let line = String::from_utf8_lossy(line);
             let earlier = self.history.earlier(position, (streamed.frame, &line), &corrections).map_err(text)?;
-            let segments = earlier.decided(hindsight).map_err(text)?.segments;
+            let segments = earlier.decided(&hindsight).map_err(text)?.segments;
             time += started.elapsed();
             if let Some(truth) = &streamed.ground_truth {
                 for scorer in &mut scorers {

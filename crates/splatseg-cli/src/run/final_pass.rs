@@ -120,12 +120,12 @@ impl FinalPass<'_> {
             let earlier = line.and_then(|line| history.earlier(position, (frame, &line), &corrections));
             waiting.push(earlier.map_err(unreadable)?);
             if waiting.len() == at_once {
-                before = step(hindsight, std::mem::take(&mut waiting), before, written, decided)?;
+                before = step(&hindsight, std::mem::take(&mut waiting), before, written, decided)?;
             }
             progress.frame_done();
         }
-        before = step(hindsight, waiting, before, written, decided)?;
-        step(hindsight, Vec::new(), before, written, decided)?;
+        before = step(&hindsight, waiting, before, written, decided)?;
+        step(&hindsight, Vec::new(), before, written, decided)?;
         progress.finish();
         match frames.next() {
             None => Ok(None),

@@ -75,10 +75,10 @@ pub fn read(path: &Path) -> io::Result<impl Iterator<Item = io::Result<String>> 
     Ok(BufReader::new(File::open(path)?).lines())
 }
 
-/// Parses a line. `size` is the size of the frame (width, height).
+/// Parses a line. `size` is the size of the frame (width, height). Regions may have a lower resolution.
 ///
 /// # Errors
-/// If it is damaged, or an image has another size.
+/// If it is damaged, or an image has more pixels.
 pub fn parsed(line: &str, size: (usize, usize)) -> io::Result<ShownFrame> {
     let bytes = STANDARD.decode(line.trim_matches('"')).map_err(|error| wrong(&error.to_string()))?;
     // Each of two images has at most one run for each pixel.
@@ -95,9 +95,10 @@ fn image(numbers: &mut impl Iterator<Item = u32>, size: (usize, usize)) -> io::R
     let Some(width) = numbers.next() else { return Ok(None) };
     let mut next = || numbers.next().ok_or_else(|| wrong("too short"));
     let found = (width as usize, next()? as usize);
-    if found != size {
-        return Err(wrong(&format!("{}x{} pixels, expected {}x{}", found.0, found.1, size.0, size.1)));
+    if found.0 > size.0 || found.1 > size.1 {
+        return Err(wrong(&format!("{}x{} pixels, expected {}x{} at most", found.0, found.1, size.0, size.1)));
     }
+    let size = found;
     let mut pixels = Vec::with_capacity(size.0 * size.1);
     for _ in 0..next()? {
         let (id, length) = (next()?, next()? as usize);
@@ -140,7 +141,7 @@ mod tests {
     fn damaged_lines_are_refused() {
         let frame = frame(true);
         let text = String::from_utf8(line(&frame.segments, frame.regions.as_ref()).unwrap()).unwrap();
-        assert!(parsed(&text, (7, 6)).unwrap_err().to_string().contains("7x5 pixels, expected 7x6"));
+        assert!(parsed(&text, (6, 6)).unwrap_err().to_string().contains("7x5 pixels, expected 6x6 at most"));
         for length in 0..text.len() {
             let cut = parsed(&text[..length], (7, 5));
             assert!(cut.is_err() || cut.is_ok_and(|found| found == frame), "{length}");

@@ -2,8 +2,9 @@
 
 use super::kept_names::KeptNames;
 use super::named_map::take_names;
+use super::working_resolution::WorkingResolution;
 use super::{Pipeline, PipelineError};
-use crate::parts::{LoadedNetworks, MethodParts, PartContext, TrackerSettings};
+use crate::parts::{LoadedNetworks, MethodName, MethodParts, PartContext, TrackerSettings};
 use crate::settings::Settings;
 use splatseg_dataset::Scene;
 use splatseg_kernels::Instructions;
@@ -168,8 +169,12 @@ impl<'a> PipelineBuilder<'a> {
             Some(segmenter) => segmenter,
             None => self.make_segmenter()?,
         };
+        let mut resolution = self.working_resolution();
         let method = match self.method.take() {
-            Some(method) => method,
+            Some(method) => {
+                resolution = WorkingResolution::default();
+                method
+            }
             None => self.make_method()?,
         };
         if let Some(namer) = &self.settings.namer {
@@ -187,6 +192,7 @@ impl<'a> PipelineBuilder<'a> {
         pipeline.poses = poses;
         pipeline.segment_ahead = self.settings.run.segment_ahead;
         pipeline.rotate = self.settings.run.rotate;
+        pipeline.resolution = resolution;
         // Until a frame has been placed, nothing but the settings tells how the camera is held.
         if pipeline.segmenter.prefers_upright() {
             pipeline.turn = pipeline.rotate.turn().unwrap_or_else(|| pipeline.poses.turn());
@@ -217,6 +223,12 @@ impl<'a> PipelineBuilder<'a> {
     fn check(&self) -> Result<(), PipelineError> {
         Instructions::check_choice()?;
         Ok(self.settings.validate()?)
+    }
+
+    /// Methods of your own see whole frames, as do trackers and the baselines.
+    fn working_resolution(&self) -> WorkingResolution {
+        let is_reduced = self.settings.method.name() == MethodName::FastsamSplat;
+        WorkingResolution { max_pixels: is_reduced.then_some(self.settings.run.working_pixels) }
     }
 
     fn context(&self) -> PartContext<'_> {

@@ -11,7 +11,7 @@ use splatseg_tracking::FrameOutput;
 pub struct FrameResult {
     /// The method's result: an id per pixel, masks, changes to the memory.
     pub output: FrameOutput,
-    /// The segmenter's finer cut of the frame, if it has one: for [`Pipeline::hindsight`](super::Pipeline::hindsight).
+    /// The segmenter's finer cut of the frame, if it has one, at the resolution at which the frame was processed: for [`Pipeline::hindsight`](super::Pipeline::hindsight).
     pub regions: Option<SegmentMap>,
     /// The objects in the frame, by increasing id.
     pub objects: Vec<ObjectSighting>,

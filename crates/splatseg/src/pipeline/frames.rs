@@ -5,9 +5,10 @@
 //! share the processor. [`Pipeline::step`] has one frame only, and segments it first.
 
 use super::stages::{Segmented, in_thread_pool, process, segment};
+use super::working_resolution::WorkingFrame;
 use super::{FrameResult, NameObjectsError, ObjectToName, Pipeline, PipelineError, UnusableFrame};
 use splatseg_dataset::{FrameReadError, FrameSource, StreamedFrame};
-use splatseg_geometry::{MapView, Pose, RgbdFrame, SegmentMap};
+use splatseg_geometry::{CameraFrame, MapView, Pose, RgbdFrame, SegmentMap};
 use splatseg_memory::{Attached, SplatFileError};
 use splatseg_objects::ObjectName;
 use splatseg_odometry::{InputDoubt, StateScope};
@@ -36,8 +37,14 @@ pub struct Processed {
     pub result: Result<FrameResult, PipelineError>,
 }
 
-/// The next frame of the source, with masks if it was segmented ahead.
-type NextFrame = (Result<StreamedFrame, FrameReadError>, Option<Segmented>);
+/// The next frame of the source, with what was prepared ahead.
+type NextFrame = (Result<StreamedFrame, FrameReadError>, Option<Prepared>);
+
+/// A frame that was reduced, if it needs that, and segmented.
+struct Prepared {
+    reduced: Option<CameraFrame<'static>>,
+    segmented: Segmented,
+}
 
 impl Pipeline {
     /// Processes every frame of a source, e.g. a [`FrameStream`](splatseg_dataset::FrameStream). With `segment_ahead`,
@@ -105,7 +112,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
 
     fn next(&mut self) -> Option<Self::Item> {
         let Self { pipeline, source, next } = self;
-        let (streamed, segmented) = next.take().or_else(|| Some((source.next()?, None)))?;
+        let (streamed, prepared) = next.take().or_else(|| Some((source.next()?, None)))?;
         let StreamedFrame { index, frame, world_from_camera, corrections, ground_truth } = match streamed {
             Ok(streamed) => streamed,
             Err(error) => return Some(Err(error.into())),
@@ -113,23 +120,32 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
         let corrected: Vec<(usize, Pose)> =
             corrections.iter().map(|correction| (correction.frame, correction.world_from_camera)).collect();
         pipeline.correct_poses(&corrected);
-        let placed = match pipeline.place(&frame, index, world_from_camera.as_ref()) {
+        let (working, segmented) = match prepared {
+            Some(Prepared { reduced, segmented }) => (WorkingFrame::new(&frame, reduced), Some(segmented)),
+            None => (pipeline.working_frame(&frame), None),
+        };
+        let placed = match pipeline.place(&working, index, world_from_camera.as_ref()) {
             Ok(placed) => placed,
             Err(error) => return Some(Err(error.into())),
         };
-        let frame = frame.at(placed.pose.world_from_camera);
-        let Pipeline { segmenter, method, segment_ahead, clock, objects, turn, .. } = &mut **pipeline;
+        let world_from_camera = placed.pose.world_from_camera;
+        let Pipeline { segmenter, method, segment_ahead, clock, objects, turn, resolution, .. } = &mut **pipeline;
         // Read on this thread: a thread of the pool that waits for a frame could be the one that the frame waits for.
         let ahead = if *segment_ahead { source.next() } else { None };
-        let (result, segmented_ahead) = in_thread_pool(|| {
-            let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), &frame, placed.turn));
+        let (result, prepared) = in_thread_pool(|| {
+            let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), &working, placed.turn));
             rayon::join(
-                || process(method.as_mut(), clock, objects, &frame, placed, segmented),
-                || Some(segment(segmenter.as_mut(), &ahead.as_ref()?.as_ref().ok()?.frame, *turn)),
+                || process(method.as_mut(), clock, objects, &working, placed, segmented),
+                || {
+                    let working = resolution.frame(&ahead.as_ref()?.as_ref().ok()?.frame);
+                    let segmented = segment(segmenter.as_mut(), &working, *turn);
+                    Some(Prepared { reduced: working.into_reduced(), segmented })
+                },
             )
         });
-        let result = result.and_then(|result| pipeline.completed(&frame, result));
-        *next = ahead.map(|frame| (frame, segmented_ahead));
+        let result = result.and_then(|decided| pipeline.completed(&working, decided));
+        let frame = frame.at(world_from_camera);
+        *next = ahead.map(|frame| (frame, prepared));
         Some(Ok(Processed { index, frame, ground_truth, result }))
     }
 }

@@ -1,9 +1,8 @@
 //! Hindsight: frames are decided again with the map of the end.
 
-use super::Pipeline;
 use super::stages::in_thread_pool;
+use super::{Pipeline, ReducedHindsight};
 use splatseg_objects::ObjectLog;
-use splatseg_tracking::Hindsight;
 
 impl Pipeline {
     /// Decides from all frames so far which parts of the map are one object, if the segmenter gives affinities; see
@@ -27,8 +26,8 @@ impl Pipeline {
     /// Decides earlier frames again, with the map as it is now; `None` if the method cannot. The frames need their final poses,
     /// see [`Self::keyframes`], and what they showed: [`FrameOutput::segments`](splatseg_tracking::FrameOutput::segments) and
     /// [`FrameResult::regions`](super::FrameResult::regions).
-    pub fn hindsight(&self) -> Option<&dyn Hindsight> {
-        self.method.hindsight()
+    pub fn hindsight(&self) -> Option<ReducedHindsight<'_>> {
+        Some(ReducedHindsight { hindsight: self.method.hindsight()?, resolution: self.resolution })
     }
 
     /// Replaces the log of objects by that of the frames as they were decided again.

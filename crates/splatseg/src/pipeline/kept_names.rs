@@ -1,7 +1,7 @@
 //! Names of objects, and what they are named from.
 
 use crate::parts::Namer;
-use splatseg_geometry::{RemappedId, RgbdFrame};
+use splatseg_geometry::{CameraFrame, RemappedId};
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{KeptViews, ObjectNames, ObjectSighting};
 use splatseg_tracking::FrameOutput;
@@ -25,7 +25,7 @@ impl KeptNames {
     }
 
     /// Keeps the views of a frame, and forgets what the ids of new objects stood for.
-    pub(super) fn record(&mut self, frame: &RgbdFrame, output: &FrameOutput, sightings: &[ObjectSighting]) {
+    pub(super) fn record(&mut self, frame: &CameraFrame, output: &FrameOutput, sightings: &[ObjectSighting]) {
         for id in &output.update.new_segments {
             self.names.forget(*id);
             if let Some(views) = &mut self.views {

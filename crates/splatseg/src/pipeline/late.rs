@@ -5,7 +5,7 @@ use super::{FrameResult, Pipeline, PipelineError};
 use splatseg_geometry::{FrameAnchor, Pose, RgbdFrame, SegmentId};
 use splatseg_objects::ObjectLog;
 use splatseg_odometry::PoseState;
-use splatseg_tracking::{FrameOutput, ShownFrame};
+use splatseg_tracking::{FrameOutput, Hindsight, ShownFrame};
 use std::collections::{BTreeMap, VecDeque};
 
 /// Frames with their results, which wait to be decided again. Each has a `T`, whatever belongs to it.

@@ -4,6 +4,7 @@
 //! of its camera with [`Pipeline::step`].
 
 mod builder;
+mod enlarging;
 mod error;
 mod frame_result;
 mod frames;
@@ -16,6 +17,7 @@ mod rotate;
 mod stage_times;
 mod stages;
 mod steps;
+mod working_resolution;
 
 pub use builder::PipelineBuilder;
 pub use error::{NameObjectsError, PipelineError, UnusableFrame};
@@ -26,5 +28,6 @@ pub use named_map::NamedMap;
 pub use rotate::Rotate;
 pub use stage_times::StageTimes;
 pub use steps::Pipeline;
+pub use working_resolution::ReducedHindsight;
 
 pub use crate::parts::{LoadedNetworks, ObjectToName};

@@ -1,8 +1,9 @@
 //! The stages of a frame after its pose is known, each for itself.
 
 use super::stage_times::StageClock;
+use super::working_resolution::{WorkingFrame, enlarged_output, reduced_segmentation};
 use super::{FrameResult, PipelineError};
-use splatseg_geometry::{CameraFrame, FrameAnchor, QuarterTurn, RgbdFrame, Segmentation};
+use splatseg_geometry::{FrameAnchor, QuarterTurn, SegmentMap, Segmentation};
 use splatseg_models::fastsam::FastSamError;
 use splatseg_objects::ObjectLog;
 use splatseg_odometry::{CameraPose, PoseState};
@@ -25,6 +26,12 @@ pub(super) struct Placed {
     pub(super) time: Duration,
 }
 
+/// The result of a frame, and the segments as the method returned them if the frame was reduced for it.
+pub(super) struct Decided {
+    pub(super) result: FrameResult,
+    pub(super) reduced: Option<SegmentMap>,
+}
+
 /// Runs `work` on a thread of Rayon's pool. On any other thread, each of a frame's hundred parallel steps would send its
 /// work to the pool, sleep and be woken, which takes as long as the work itself.
 pub(super) fn in_thread_pool<R: Send>(work: impl FnOnce() -> R + Send) -> R {
@@ -37,14 +44,17 @@ pub(super) fn timed<R>(work: impl FnOnce() -> R) -> (R, Duration) {
     (work(), started.elapsed())
 }
 
-/// Segments a frame that is upright after a turn.
-pub(super) fn segment(segmenter: &mut dyn Segmenter, frame: &CameraFrame, turn: QuarterTurn) -> Segmented {
+/// Segments a frame that is upright after a turn. What is found has the size at which the frame is processed.
+pub(super) fn segment(segmenter: &mut dyn Segmenter, frame: &WorkingFrame<'_>, turn: QuarterTurn) -> Segmented {
     let (found, time) = timed(|| {
-        if turn == QuarterTurn::None {
-            return segmenter.segment(frame);
-        }
-        let size = turn.size((frame.width(), frame.height()));
-        Ok(segmenter.segment(&frame.turned(turn))?.turned(turn.inverse(), size))
+        let seen = if segmenter.needs_all_pixels() { &frame.whole } else { frame.working() };
+        let size = (seen.width(), seen.height());
+        let found = match turn {
+            QuarterTurn::None => segmenter.segment(seen)?,
+            turn => segmenter.segment(&seen.turned(turn))?.turned(turn.inverse(), turn.size(size)),
+        };
+        let working = (frame.working().width(), frame.working().height());
+        Ok(if size == working { found } else { reduced_segmentation(found, size, working) })
     });
     Segmented { found, time }
 }
@@ -54,28 +64,38 @@ pub(super) fn process(
     method: &mut dyn Method,
     clock: &StageClock,
     objects: &mut ObjectLog,
-    frame: &RgbdFrame,
+    frame: &WorkingFrame,
     Placed { pose, anchor, turn, time: pose_time }: Placed,
     Segmented { found, time }: Segmented,
-) -> Result<FrameResult, PipelineError> {
-    let name = || frame.name().to_owned();
+) -> Result<Decided, PipelineError> {
+    let name = || frame.whole.name().to_owned();
     let found = found.map_err(|source| match source {
         SegmenterError::FastSam(FastSamError::Device { .. }) | SegmenterError::Device { .. } => {
             PipelineError::DeviceFailed { frame: name(), source: Box::new(source) }
         }
         source => PipelineError::Segmenter { frame: name(), source: Box::new(source) },
     })?;
+    let working = frame.working().as_borrowed().at(pose.world_from_camera);
+    method.set_reduction(frame.whole.width() as f64 / working.width() as f64);
     let (output, mut times) = clock.time(|| match pose.state {
-        PoseState::Lost => method.process_without_pose(frame, &found),
-        _ => method.process(frame, &found),
+        PoseState::Lost => method.process_without_pose(&working, &found),
+        _ => method.process(&working, &found),
     });
-    let output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;
+    let mut output = output.map_err(|source| PipelineError::Method { frame: name(), source: Box::new(source) })?;
     times.add("segment", time);
     if pose.state != PoseState::Given || pose.quality.is_some() {
         times.add("pose", pose_time);
     }
+    let mut reduced = None;
+    if frame.is_reduced() {
+        let (enlarged, time) = timed(|| enlarged_output(&output, &frame.whole));
+        times.add("enlarge", time);
+        reduced = Some(std::mem::replace(&mut output, enlarged).segments);
+    }
     objects.remap(&output.update.remapped);
     let objects = objects.record(&output);
     let (remapped, events, doubts) = (Vec::new(), Vec::new(), Vec::new());
-    Ok(FrameResult { output, regions: found.regions, objects, times, pose, anchor, turn, remapped, events, doubts })
+    let regions = found.regions;
+    let result = FrameResult { output, regions, objects, times, pose, anchor, turn, remapped, events, doubts };
+    Ok(Decided { result, reduced })
 }

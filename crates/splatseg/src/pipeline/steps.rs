@@ -2,7 +2,8 @@
 
 use super::kept_names::KeptNames;
 use super::stage_times::StageClock;
-use super::stages::{Placed, in_thread_pool, process, segment, timed};
+use super::stages::{Decided, Placed, in_thread_pool, process, segment, timed};
+use super::working_resolution::{WorkingFrame, WorkingResolution};
 use super::{FrameResult, PipelineError, Rotate};
 use splatseg_geometry::{CameraFrame, KeyframeId, MapView, Pose, QuarterTurn, RemappedId, RgbdFrame};
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
@@ -23,6 +24,7 @@ pub struct Pipeline {
     pub(super) method: Box<dyn Method>,
     pub(super) segment_ahead: bool,
     pub(super) rotate: Rotate,
+    pub(super) resolution: WorkingResolution,
     /// The turn with which the next frame is segmented.
     pub(super) turn: QuarterTurn,
     pub(super) clock: StageClock,
@@ -50,6 +52,7 @@ impl Pipeline {
             method,
             segment_ahead: false,
             rotate: Rotate::Auto,
+            resolution: WorkingResolution::default(),
             turn: QuarterTurn::None,
             clock: StageClock::new(),
             objects: ObjectLog::default(),
@@ -67,12 +70,9 @@ impl Pipeline {
     /// can still be processed. [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device
     /// failed: no later frame can be processed. [`PipelineError::Namer`] if the namer of the settings failed.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
-        let placed = self.place(frame, self.objects.frames(), Some(frame.world_from_camera()))?;
-        let world_from_camera = placed.pose.world_from_camera;
-        if world_from_camera == *frame.world_from_camera() {
-            return self.step_placed(frame, placed);
-        }
-        self.step_placed(&frame.clone().into_camera_frame().at(world_from_camera), placed)
+        let working = self.working_frame(frame);
+        let placed = self.place(&working, self.objects.frames(), Some(frame.world_from_camera()))?;
+        self.step_placed(&working, placed)
     }
 
     /// Processes the next frame of a camera whose pose is unknown: it is tracked, unless [`PoseMode::Given`] forbids it.
@@ -80,8 +80,9 @@ impl Pipeline {
     /// # Errors
     /// As [`Self::step`].
     pub fn step_unposed(&mut self, frame: CameraFrame<'_>) -> Result<FrameResult, PipelineError> {
-        let placed = self.place(&frame, self.objects.frames(), None)?;
-        self.step_placed(&frame.at(placed.pose.world_from_camera), placed)
+        let working = self.working_frame(&frame);
+        let placed = self.place(&working, self.objects.frames(), None)?;
+        self.step_placed(&working, placed)
     }
 
     /// Corrects the given poses of earlier frames, e.g. after a SLAM system has closed a loop: the number of each frame,
@@ -90,7 +91,13 @@ impl Pipeline {
         self.corrected.extend(corrected.iter().copied());
     }
 
-    fn step_placed(&mut self, frame: &RgbdFrame, placed: Placed) -> Result<FrameResult, PipelineError> {
+    /// The frame as it is processed.
+    pub(super) fn working_frame<'a>(&self, frame: &'a CameraFrame<'_>) -> WorkingFrame<'a> {
+        let resolution = self.resolution;
+        in_thread_pool(|| resolution.frame(frame))
+    }
+
+    fn step_placed(&mut self, frame: &WorkingFrame<'_>, placed: Placed) -> Result<FrameResult, PipelineError> {
         let Self { segmenter, method, clock, objects, .. } = self;
         let result = in_thread_pool(|| {
             let segmented = segment(segmenter.as_mut(), frame, placed.turn);
@@ -102,13 +109,13 @@ impl Pipeline {
     /// Determines the pose of a frame, and passes what has become known with it to the method.
     pub(super) fn place(
         &mut self,
-        frame: &CameraFrame<'_>,
+        frame: &WorkingFrame<'_>,
         index: usize,
         given: Option<&Pose>,
     ) -> Result<Placed, PoseSourceError> {
         let corrected: Vec<(usize, Pose)> = std::mem::take(&mut self.corrected).into_iter().collect();
         let input = PoseInput { index, given, corrected: &corrected };
-        let (update, time) = timed(|| in_thread_pool(|| self.poses.pose(frame, input)));
+        let (update, time) = timed(|| in_thread_pool(|| self.poses.pose(frame.working(), input)));
         let PoseUpdate { pose, anchor, correction, events, doubts, turn } = update?;
         let remapped = correction.map_or_else(Vec::new, |correction| self.method.correct_map(&correction));
         if !remapped.is_empty() {
@@ -131,18 +138,19 @@ impl Pipeline {
     /// what has become known since the previous result.
     pub(super) fn completed(
         &mut self,
-        frame: &RgbdFrame,
-        mut result: FrameResult,
+        frame: &WorkingFrame<'_>,
+        Decided { mut result, reduced }: Decided,
     ) -> Result<FrameResult, PipelineError> {
         let recognised = &result.output.update.remapped;
-        self.poses.receive(MethodFindings { remapped: recognised, segments: Some(&result.output.segments) });
+        let segments = reduced.as_ref().unwrap_or(&result.output.segments);
+        self.poses.receive(MethodFindings { remapped: recognised, segments: Some(segments) });
         if !recognised.is_empty() {
             self.names.remap(recognised);
         }
-        self.names.record(frame, &result.output, &result.objects);
+        self.names.record(&frame.whole, &result.output, &result.objects);
         if self.names.namer.is_some() {
             let (named, time) = timed(|| self.name_by_settings());
-            named.map_err(|source| PipelineError::Namer { frame: frame.name().to_owned(), source })?;
+            named.map_err(|source| PipelineError::Namer { frame: frame.whole.name().to_owned(), source })?;
             result.times.add("name", time);
         }
         self.unreported.remapped.extend(recognised);

@@ -73,6 +73,10 @@ settings! {
         /// not at all. `auto`: upright, once the camera has looked around and the floor is known. Results have the frames'
         /// own orientation.
         rotate: Rotate = Rotate::Auto, Allowed::Names(Rotate::NAMES);
+        /// Frames of more pixels are processed at this resolution: the segmenter, the tracking of the camera and the memory
+        /// see a reduced frame, and results are enlarged to its size along the edges of colour and depth. Segmenters that
+        /// need all pixels see the whole frame.
+        working_pixels: usize = 76_800, Allowed::between(1024.0, 67_108_864.0), only "method = fastsam-splat";
         /// How finely frames are segmented: `coarse` for fewer and larger segments, `fine` for more and smaller ones. It shifts
         /// the log-odds at which two parts become one, `affinity.threshold` or `graph.borders.bias`, by 1.
         detail: Detail = Detail::Normal, Allowed::Names(Detail::NAMES);

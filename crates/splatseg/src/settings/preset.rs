@@ -18,6 +18,7 @@ choices! {
 const PAPER: &str = "
 min_area = 0
 match_whole_masks = true
+working_pixels = 67_108_864
 
 [memory]
 kind = 'features'

@@ -2,7 +2,7 @@
 
 use splatseg::dataset::Scene;
 use splatseg::pipeline::{LateFrame, WaitingFrames};
-use splatseg::tracking::ShownFrame;
+use splatseg::tracking::{Hindsight, ShownFrame};
 use splatseg::{Pipeline, SegmentMap, Settings};
 use splatseg_test_scenes::room;
 

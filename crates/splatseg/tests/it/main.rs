@@ -6,3 +6,4 @@ mod method_preset;
 mod names;
 mod registered_parts;
 mod turned_frames;
+mod working_pixels;

@@ -56,6 +56,10 @@ pub trait Method: Send {
         self.process(frame, found)
     }
 
+    /// Sets how much smaller than the camera's the next frames are, as a factor of width and height; 1 if they are not
+    /// reduced. Areas in pixels, which are settings, then refer to fewer pixels.
+    fn set_reduction(&mut self, _factor: f64) {}
+
     /// Sets the keyframe to which the surfaces of the next frame are attached.
     fn set_anchor(&mut self, _anchor: &FrameAnchor) {}
 

@@ -1,0 +1,131 @@
+//! The resolution at which frames are processed.
+//!
+//! More pixels cost time and memory, and make segments no better: the network that finds them sees a reduced image, and
+//! the map needs no Gaussians closer together than that. So large frames are reduced first, and what is decided about them
+//! is enlarged to their size.
+
+use super::enlarging::enlarged;
+use splatseg_dataset::Framing;
+use splatseg_geometry::{
+    Affinities, CameraFrame, CowImage, Image, Mask, RgbdFrame, ScoredMask, SegmentMap, Segmentation,
+};
+use splatseg_tracking::{FrameOutput, Hindsight, ShownFrame, TrackingError};
+
+/// The most pixels of a frame that is processed. Larger frames are reduced.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct WorkingResolution {
+    /// `None` for no limit.
+    pub(super) max_pixels: Option<usize>,
+}
+
+impl WorkingResolution {
+    /// The frame as it is processed.
+    pub(super) fn frame<'a>(self, frame: &'a CameraFrame<'_>) -> WorkingFrame<'a> {
+        WorkingFrame::new(frame, self.reduced(frame))
+    }
+
+    /// The reduced frame; `None` if it is small enough as it is.
+    fn reduced(self, frame: &CameraFrame) -> Option<CameraFrame<'static>> {
+        let framing = Framing { max_pixels: Some(self.max_pixels?), ..Framing::default() };
+        let size = (frame.width(), frame.height());
+        if framing.check(size).is_ok_and(|reduced| reduced == size) {
+            return None;
+        }
+        framing.apply(frame.as_borrowed()).ok().map(CameraFrame::into_owned)
+    }
+}
+
+/// A frame as it came and as it is processed: reduced, unless it is small enough.
+pub(super) struct WorkingFrame<'a> {
+    pub(super) whole: CameraFrame<'a>,
+    reduced: Option<CameraFrame<'static>>,
+}
+
+impl<'a> WorkingFrame<'a> {
+    pub(super) fn new(whole: &'a CameraFrame<'_>, reduced: Option<CameraFrame<'static>>) -> Self {
+        Self { whole: whole.as_borrowed(), reduced }
+    }
+
+    pub(super) fn into_reduced(self) -> Option<CameraFrame<'static>> {
+        self.reduced
+    }
+
+    /// The frame for the method and the source of poses.
+    pub(super) fn working(&self) -> &CameraFrame<'a> {
+        self.reduced.as_ref().unwrap_or(&self.whole)
+    }
+
+    pub(super) fn is_reduced(&self) -> bool {
+        self.reduced.is_some()
+    }
+}
+
+/// What a segmenter has found in a frame, for the frame reduced to `size` (width, height).
+pub(super) fn reduced_segmentation(found: Segmentation, from: (usize, usize), size: (usize, usize)) -> Segmentation {
+    let (columns, rows) = (nearest(from.0, size.0), nearest(from.1, size.1));
+    let mask = |scored: ScoredMask| ScoredMask {
+        mask: Mask::from_fn(size.0, size.1, |column, row| scored.mask.contains(columns[column], rows[row])),
+        score: scored.score,
+    };
+    Segmentation {
+        masks: found.masks.into_iter().map(mask).filter(|scored| !scored.mask.is_empty()).collect(),
+        regions: found.regions.map(|regions| resized_image(&regions, size)),
+        affinities: found.affinities.map(|affinities| Affinities {
+            columns: affinities.columns.iter().map(|column| *column * size.0 as u32 / from.0 as u32).collect(),
+            rows: affinities.rows.iter().map(|row| *row * size.1 as u32 / from.1 as u32).collect(),
+            ..affinities
+        }),
+    }
+}
+
+/// For each pixel of an axis, the nearest one of the same axis with another number of pixels.
+fn nearest(from: usize, to: usize) -> Vec<usize> {
+    (0..to).map(|pixel| (2 * pixel + 1) * from / (2 * to)).collect()
+}
+
+/// An image of another size, each pixel from the nearest one.
+fn resized_image<T: Clone>(image: &CowImage<'_, T>, size: (usize, usize)) -> Image<T> {
+    if image.size() == size {
+        return image.clone().into_owned();
+    }
+    let (columns, rows) = (nearest(image.width(), size.0), nearest(image.height(), size.1));
+    Image::from_fn(size.0, size.1, |column, row| image[(columns[column], rows[row])].clone())
+}
+
+/// A method's result for a reduced frame, for the frame itself.
+pub(super) fn enlarged_output(output: &FrameOutput, frame: &CameraFrame) -> FrameOutput {
+    let size = (frame.width(), frame.height());
+    let (columns, rows) = (nearest(output.segments.width(), size.0), nearest(output.segments.height(), size.1));
+    let masks = output.masks.iter().map(|(id, mask)| {
+        (*id, Mask::from_fn(size.0, size.1, |column, row| mask.contains(columns[column], rows[row])))
+    });
+    FrameOutput {
+        segments: enlarged(&output.segments, frame),
+        confidence: resized_image(&output.confidence, size),
+        masks: masks.collect(),
+        ..output.clone()
+    }
+}
+
+/// Decides earlier frames again at the resolution at which they were processed.
+pub struct ReducedHindsight<'m> {
+    pub(super) hindsight: &'m dyn Hindsight,
+    pub(super) resolution: WorkingResolution,
+}
+
+impl Hindsight for ReducedHindsight<'_> {
+    fn look_again(&self, frame: &RgbdFrame, shown: &ShownFrame) -> Result<FrameOutput, TrackingError> {
+        let Some(reduced) = self.resolution.reduced(frame) else { return self.hindsight.look_again(frame, shown) };
+        let size = (reduced.width(), reduced.height());
+        let known = [size, (frame.width(), frame.height())];
+        let images = std::iter::once(&shown.segments).chain(&shown.regions);
+        if let Some(found) = images.map(SegmentMap::size).find(|found| !known.contains(found)) {
+            return Err(TrackingError::MaskSize { found, expected: (frame.width(), frame.height()) });
+        }
+        let reduced_map = |map: &SegmentMap| resized_image(map, size);
+        let shown =
+            ShownFrame { segments: reduced_map(&shown.segments), regions: shown.regions.as_ref().map(reduced_map) };
+        let output = self.hindsight.look_again(&reduced.at(*frame.world_from_camera()), &shown)?;
+        Ok(enlarged_output(&output, frame))
+    }
+}
