@@ -15,6 +15,8 @@ pub enum Activation {
     Silu,
     /// x · Φ(x), exact.
     Gelu,
+    /// x · σ(1.702 x), the approximation of [`Self::Gelu`] that the first CLIP networks have.
+    QuickGelu,
 }
 
 impl Activation {
@@ -26,6 +28,7 @@ impl Activation {
             Self::Relu => relu(values),
             Self::Silu => silu(values),
             Self::Gelu => gelu(values),
+            Self::QuickGelu => quick_gelu(values),
         }
     }
 
@@ -52,9 +55,21 @@ fn relu(values: &mut [f32]) {
 /// x · σ(x) = x / (1 + e^-x), to about 2 units in the last place.
 #[inline(always)]
 fn silu(values: &mut [f32]) {
+    scaled_silu(values, 1.0);
+}
+
+/// x · σ(1.702 x).
+#[inline(always)]
+fn quick_gelu(values: &mut [f32]) {
+    scaled_silu(values, 1.702);
+}
+
+/// x · σ(scale · x).
+#[inline(always)]
+fn scaled_silu(values: &mut [f32], scale: f32) {
     for value in values {
         // Comparisons rather than `clamp`, to keep NaN.
-        let z = -*value;
+        let z = -scale * *value;
         let z = if z > 88.0 { 88.0 } else { z };
         let z = if z < -87.0 { -87.0 } else { z };
         *value /= 1.0 + exp(z);
@@ -112,6 +127,16 @@ mod tests {
         let mut limits = [50.0, -50.0, f32::NAN];
         gelu(&mut limits);
         assert!((limits[0] - 50.0).abs() < 1e-5 && limits[1].abs() < 1e-5 && limits[2].is_nan(), "{limits:?}");
+    }
+
+    #[test]
+    fn quick_gelu_is_a_steeper_silu() {
+        for x in [-60.0f32, -3.0, -0.5, 0.0, 0.7, 4.0, 100.0] {
+            let mut found = [x];
+            Activation::QuickGelu.apply(&mut found);
+            let expected = f64::from(x) / (1.0 + (-1.702 * f64::from(x)).exp());
+            assert!((f64::from(found[0]) - expected).abs() <= 5e-7 * expected.abs() + 1e-30, "{x}: {found:?}");
+        }
     }
 
     #[test]

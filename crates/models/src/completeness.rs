@@ -34,7 +34,8 @@ pub fn missing_tensors(checkpoint: &Checkpoint) -> Option<Vec<Missing>> {
                 Err(_) => false,
             }
         }
-        Architecture::Unknown => false,
+        // Loading one says what it lacks.
+        Architecture::Clip { .. } | Architecture::Unknown => false,
     };
     let missing = audit.missing.into_inner();
     (built || !missing.is_empty()).then_some(missing)

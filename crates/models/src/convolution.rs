@@ -97,6 +97,7 @@ impl Convolution {
             Activation::Relu => relu(output),
             Activation::Silu => silu(output),
             Activation::Gelu => gelu(output),
+            Activation::QuickGelu => burn::tensor::activation::sigmoid(output.clone() * 1.702) * output,
         }
     }
 

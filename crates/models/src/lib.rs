@@ -3,6 +3,7 @@
 //! - [`fastsam`]: masks, boxes and scores from an image, or masks at given points. `splatseg-segmenter` wraps it as a
 //!   segmenter; the method FastSPAM uses its masks at points.
 //! - [`sam2`]: SAM 2.1, EdgeTAM and EfficientTAM, which follow prompted objects through a video.
+//! - [`clip`]: images and texts become vectors that can be compared, for names of objects; on the CPU, without Burn.
 //! - [`checkpoint`]: their files, parsed and never executed.
 //!
 //! Burn holds the tensors and runs the cheap layers. On the CPU, the expensive ones are loops of `splatseg-kernels`; on
@@ -13,6 +14,7 @@
 //! (`without_networks/`), so that other crates need no conditions of their own.
 
 pub mod checkpoint;
+pub mod clip;
 #[cfg(feature = "networks")]
 pub mod completeness;
 #[cfg(feature = "networks")]

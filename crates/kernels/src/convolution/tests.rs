@@ -49,7 +49,7 @@ impl Case {
                 outputs.push(match self.activation {
                     Activation::None => (sum, magnitude),
                     Activation::Silu => (sum / (1.0 + (-sum).exp()), magnitude),
-                    Activation::Relu | Activation::Gelu => unreachable!("not tested here"),
+                    Activation::Relu | Activation::Gelu | Activation::QuickGelu => unreachable!("not tested here"),
                 });
             }
         }

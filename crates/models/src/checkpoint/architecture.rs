@@ -1,6 +1,7 @@
 //! Recognises the network of a checkpoint.
 
 use super::Checkpoint;
+use crate::clip::ClipLayout;
 use std::fmt;
 
 /// A network, recognised by the names and shapes of its tensors.
@@ -38,6 +39,11 @@ pub enum Architecture {
         /// Channels of the image encoder: 384 in `efficienttam_s`, 192 in `efficienttam_ti`.
         width: usize,
     },
+    /// A CLIP network: images and texts.
+    Clip {
+        /// What its tensors are called.
+        layout: ClipLayout,
+    },
     /// Something else.
     Unknown,
 }
@@ -48,6 +54,7 @@ impl Architecture {
         yolo_v8_seg(checkpoint)
             .or_else(|| descendant_of_sam2(checkpoint))
             .or_else(|| sam2(checkpoint))
+            .or_else(|| ClipLayout::of(checkpoint).map(|layout| Architecture::Clip { layout }))
             .unwrap_or(Self::Unknown)
     }
 }
@@ -136,6 +143,7 @@ impl fmt::Display for Architecture {
             Self::EfficientTam { width: 384 } => formatter.write_str("EfficientTAM-S"),
             Self::EfficientTam { width: 192 } => formatter.write_str("EfficientTAM-Ti"),
             Self::EfficientTam { width } => write!(formatter, "EfficientTAM of no published size: width {width}"),
+            Self::Clip { layout } => formatter.write_str(layout.name()),
             Self::Unknown => formatter.write_str("unknown"),
         }
     }

@@ -1,6 +1,7 @@
 //! The integration tests of this crate, in one program: it is linked once.
 
 mod checkpoint;
+mod clip;
 mod completeness;
 mod edgetam;
 mod efficienttam;

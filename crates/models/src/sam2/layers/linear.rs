@@ -198,6 +198,7 @@ pub(crate) fn activate<const D: usize>(activation: Activation, input: Tensor<D>)
             Activation::Relu => relu(input),
             Activation::Silu => silu(input),
             Activation::Gelu => gelu(input),
+            Activation::QuickGelu => burn::tensor::activation::sigmoid(input.clone() * 1.702) * input,
         };
     }
     let shape = input.dims();

@@ -1,0 +1,31 @@
+//! CLIP networks: an image and a text become vectors whose cosine says how well they fit.
+//!
+//! | file | content |
+//! | --- | --- |
+//! | `layout.rs` | recognises a checkpoint by its names: OpenCLIP, Hugging Face, Perception Encoder |
+//! | `config.rs` | the sizes of both towers, from the shapes and from a `config.json` beside the checkpoint |
+//! | `weights.rs` | reads layers, whatever the layout calls them |
+//! | `transformer.rs` | the blocks of both towers |
+//! | `image_tower.rs`, `attention_pooling.rs`, `rotary.rs` | image to vector |
+//! | `text_tower.rs`, `tokenizer.rs` | text to vector |
+//!
+//! Radford et al. 2021; Bolya et al. 2025 for the Perception Encoder. All layers are loops of `splatseg-kernels` on the
+//! CPU, so that a program without the feature `networks` has them too.
+
+mod attention_pooling;
+mod config;
+mod error;
+mod image_tower;
+mod layout;
+mod network;
+mod rotary;
+mod text_tower;
+mod tokenizer;
+mod transformer;
+mod weights;
+
+pub use config::{ClipConfig, TowerConfig};
+pub use error::ClipError;
+pub use layout::ClipLayout;
+pub use network::ClipNetwork;
+pub use tokenizer::{ClipTokenizer, TokenizerError};
