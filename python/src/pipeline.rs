@@ -400,7 +400,7 @@ fn name_of(
     let object = serde_json::to_string(object).map_err(runtime_error)?;
     let named = callable.bind(py).call1((rgb, mask, object))?;
     let (label, embedding): (Option<String>, PyReadonlyArray1<'_, f32>) = named.extract()?;
-    Ok(ObjectName { label, embedding: embedding.as_array().to_vec() })
+    Ok(ObjectName { label, embedding: embedding.as_array().to_vec(), ..ObjectName::default() })
 }
 
 /// The exception raised by a segmenter in Python, or the error as `RuntimeError`.

@@ -5,7 +5,7 @@ use splatseg_files::csv_cell;
 use std::fmt::Display;
 
 /// The columns; `docs/OBJECTS.md` describes them.
-const COLUMNS: [&str; 44] = [
+const COLUMNS: [&str; 46] = [
     "id",
     "label",
     "state",
@@ -50,6 +50,8 @@ const COLUMNS: [&str; 44] = [
     "best_height",
     "crop",
     "completed_points",
+    "label_score",
+    "label_alternatives",
 ];
 
 impl ObjectList {
@@ -95,6 +97,9 @@ fn cells_of(object: &Object) -> Vec<String> {
     cells.extend([inner.map(|inner| inner.width), inner.map(|inner| inner.height)].map(cell));
     cells.push(cell(view.and_then(|view| view.crop.as_deref()).map(csv_cell)));
     cells.push(cell(shape.map(|shape| shape.completed_points)));
+    cells.push(cell(object.label_score));
+    let alternatives: Vec<&str> = object.label_alternatives.iter().map(|other| other.label.as_str()).collect();
+    cells.push(csv_cell(&alternatives.join("; ")));
     cells
 }
 

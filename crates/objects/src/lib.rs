@@ -19,7 +19,7 @@ mod vertex_ids;
 pub use changes::{ChangedObject, DepthView, MapChanges, MovedObject, ObservedMap, PlaceSight, UnchangedObject};
 pub use kept_views::KeptViews;
 pub use list::{BestView, Conventions, FrameStamp, Object, ObjectList, ObjectState};
-pub use names::{NameError, ObjectName, ObjectNames};
+pub use names::{LabelScore, NameError, ObjectName, ObjectNames};
 pub use object_view::ObjectView;
 pub use remap_log::RemapLog;
 pub use seen::{SeenObjects, Sightings};

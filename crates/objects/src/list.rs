@@ -1,6 +1,6 @@
 //! The content of `objects.json`: every object of a run. `docs/OBJECTS.md` describes each key for users.
 
-use crate::{BoundingBox, ObjectLog, ObjectNames, ObjectShape, SeenObjects, object_shapes};
+use crate::{BoundingBox, LabelScore, ObjectLog, ObjectNames, ObjectShape, SeenObjects, object_shapes};
 use serde::{Deserialize, Serialize};
 use serde_json::ser::Formatter;
 use splatseg_geometry::{MapView, SegmentId};
@@ -53,6 +53,12 @@ pub struct Object {
     pub id: SegmentId,
     /// Its label, if it was named; see [`ObjectList::add_names`].
     pub label: Option<String>,
+    /// How clearly the label fits, if its namer said so: see `docs/NAMES.md`.
+    #[serde(default)]
+    pub label_score: Option<f32>,
+    /// Other labels that fit, best first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub label_alternatives: Vec<LabelScore>,
     /// Its state in the final memory; null if the method has no memory.
     pub state: Option<ObjectState>,
     /// Number of frames that showed it. 0 for an object of a loaded memory that was not seen again.
@@ -134,6 +140,8 @@ impl ObjectList {
             Object {
                 id,
                 label: None,
+                label_score: None,
+                label_alternatives: Vec::new(),
                 state: map.zip(carried.as_ref()).map(|(map, carried)| state_of(id, &map, carried)),
                 frames: record.map_or(0, |record| record.frames),
                 first_frame: record.map(|record| stamp(record.first_frame)),
@@ -168,10 +176,13 @@ impl ObjectList {
         }
     }
 
-    /// Adds the label of each object that has one.
+    /// Adds the label of each object that has one, with its score and alternatives.
     pub fn add_names(&mut self, names: &ObjectNames) {
         for object in self.objects.iter_mut().filter(|_| !names.is_empty()) {
-            object.label = names.label(object.id).map(str::to_owned);
+            let Some(name) = names.name(object.id) else { continue };
+            object.label.clone_from(&name.label);
+            object.label_score = name.score;
+            object.label_alternatives.clone_from(&name.alternatives);
         }
     }
 

@@ -7,10 +7,12 @@
 //! | `id` | `u32 [n]` | the named objects, in increasing order |
 //! | `score` | `f64 [n]` | of the view from which each was named |
 //! | `labels.json` | text | a list of `n` texts, `null` for none |
+//! | `details.json` | text | a list of `n` objects with what else is known of a label (score, alternatives, `by_hand`), or `null` |
 //! | `embedding_id` | `u32 [m]` | the objects that have an embedding, in the same order |
 //! | `embedding` | `f32 [m, d]` | their embeddings |
 
 use crate::old_names;
+use serde::{Deserialize, Serialize};
 use splatseg_files::{StateBlock, StateError};
 use splatseg_geometry::{RemappedId, SegmentId};
 use std::collections::{BTreeMap, BTreeSet};
@@ -18,6 +20,8 @@ use thiserror::Error;
 
 /// Maximum length of a label, bytes.
 const MAX_LABEL_BYTES: usize = 1000;
+/// Maximum number of alternatives of a label that are kept.
+const MAX_ALTERNATIVES: usize = 8;
 /// Maximum size of all labels and embeddings together, bytes.
 const MAX_BYTES: usize = 1 << 25;
 
@@ -28,6 +32,32 @@ pub struct ObjectName {
     pub label: Option<String>,
     /// The object as a vector, e.g. CLIP's embedding of its image; may be empty. All others have one length.
     pub embedding: Vec<f32>,
+    /// How clearly the label fits, if that is known: larger is clearer. Each namer says in which unit.
+    pub score: Option<f32>,
+    /// Other labels that fit, best first.
+    pub alternatives: Vec<LabelScore>,
+    /// A person gave the label, so no namer replaces it.
+    pub by_hand: bool,
+}
+
+/// A label and how clearly it fits.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct LabelScore {
+    /// The label.
+    pub label: String,
+    /// As [`ObjectName::score`].
+    pub score: f32,
+}
+
+/// What is known of a label besides its text, in a file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+struct LabelDetails {
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    score: Option<f32>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    alternatives: Vec<LabelScore>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    by_hand: bool,
 }
 
 /// An unusable name or embedding.
@@ -86,8 +116,14 @@ struct Named {
 }
 
 impl ObjectName {
+    /// A label that a person gives.
+    pub fn by_hand(label: impl Into<String>) -> Self {
+        Self { label: Some(label.into()), by_hand: true, ..Self::default() }
+    }
+
     fn bytes(&self) -> usize {
-        self.label.as_ref().map_or(0, String::len) + size_of_val(self.embedding.as_slice())
+        let alternatives: usize = self.alternatives.iter().map(|other| other.label.len() + 4).sum();
+        self.label.as_ref().map_or(0, String::len) + alternatives + size_of_val(self.embedding.as_slice())
     }
 
     fn is_empty(&self) -> bool {
@@ -97,21 +133,34 @@ impl ObjectName {
     /// The name with its label trimmed, `None` if that leaves nothing.
     fn checked(mut self) -> Result<Self, NameError> {
         self.label = self.label.map(|label| label.trim().to_owned()).filter(|label| !label.is_empty());
-        if let Some(label) = &self.label {
-            let wrong = |problem| {
-                let found = label.chars().take(20).collect();
-                Err(NameError::Label { found, problem })
-            };
-            if label.len() > MAX_LABEL_BYTES {
-                return wrong("more than 1000 bytes");
-            }
-            if label.chars().any(char::is_control) {
-                return wrong("control characters");
-            }
-        }
+        self.alternatives.truncate(MAX_ALTERNATIVES);
+        self.label
+            .iter()
+            .chain(self.alternatives.iter().map(|other| &other.label))
+            .try_for_each(|label| check_label(label))?;
         check_finite(&self.embedding)?;
+        // JSON has no NaN; a score that is no number says nothing.
+        self.score = self.score.filter(|score| score.is_finite());
+        self.alternatives.retain(|other| other.score.is_finite());
         Ok(self)
     }
+
+    fn details(&self) -> Option<LabelDetails> {
+        let Self { score, alternatives, by_hand, .. } = self;
+        let details = LabelDetails { score: *score, alternatives: alternatives.clone(), by_hand: *by_hand };
+        (details != LabelDetails::default()).then_some(details)
+    }
+}
+
+fn check_label(label: &str) -> Result<(), NameError> {
+    let problem = if label.len() > MAX_LABEL_BYTES {
+        "more than 1000 bytes"
+    } else if label.chars().any(char::is_control) {
+        "control characters"
+    } else {
+        return Ok(());
+    };
+    Err(NameError::Label { found: label.chars().take(20).collect(), problem })
 }
 
 impl ObjectNames {
@@ -130,6 +179,17 @@ impl ObjectNames {
         self.names.iter().filter_map(|(id, named)| Some((*id, named.name.label.as_deref()?)))
     }
 
+    /// The whole name of an object.
+    pub fn name(&self, id: SegmentId) -> Option<&ObjectName> {
+        self.names.get(&id).map(|named| &named.name)
+    }
+
+    /// Every object that has an embedding, by increasing id.
+    pub fn embeddings(&self) -> impl Iterator<Item = (SegmentId, &[f32])> {
+        let all = self.names.iter().map(|(id, named)| (*id, named.name.embedding.as_slice()));
+        all.filter(|(_, embedding)| !embedding.is_empty())
+    }
+
     /// The embedding of an object; empty if it has none.
     pub fn embedding(&self, id: SegmentId) -> &[f32] {
         self.names.get(&id).map_or(&[], |named| &named.name.embedding)
@@ -140,13 +200,17 @@ impl ObjectNames {
         self.names.get(&id).map(|named| named.score)
     }
 
-    /// Names an object, from a view with this score. Replaces its earlier name. A label is trimmed, and an empty one is
-    /// none.
+    /// Names an object, from a view with this score. Replaces its earlier name; but of one that a person gave, only a person
+    /// replaces the label. A label is trimmed, and an empty one is none.
     ///
     /// # Errors
     /// If label or embedding cannot be used: [`NameError`]. The object then keeps its earlier name.
     pub fn set(&mut self, id: SegmentId, name: ObjectName, score: f64) -> Result<(), NameError> {
-        let name = name.checked()?;
+        let mut name = name.checked()?;
+        let earlier = self.names.get(&id).map(|named| &named.name);
+        if let Some(kept) = earlier.filter(|earlier| earlier.by_hand && !name.by_hand) {
+            name = ObjectName { embedding: name.embedding, ..kept.clone() };
+        }
         if !name.embedding.is_empty() {
             self.check_length(&name.embedding)?;
         }
@@ -156,6 +220,31 @@ impl ObjectNames {
         }
         self.insert(id, Named { name, score });
         Ok(())
+    }
+
+    /// Gives objects that are named already other labels, with scores and alternatives. Embeddings stay, and so do labels
+    /// that a person gave.
+    ///
+    /// # Errors
+    /// As [`Self::set`], of the first label that cannot be used.
+    pub fn relabel(&mut self, labels: impl IntoIterator<Item = (SegmentId, ObjectName)>) -> Result<(), NameError> {
+        for (id, name) in labels {
+            let Some(named) = self.names.get(&id) else { continue };
+            let (embedding, score) = (named.name.embedding.clone(), named.score);
+            self.set(id, ObjectName { embedding, ..name }, score)?;
+        }
+        Ok(())
+    }
+
+    /// Gives an object the label of a person, or takes its label away with `None`. Its embedding stays.
+    ///
+    /// # Errors
+    /// As [`Self::set`].
+    pub fn set_by_hand(&mut self, id: SegmentId, label: Option<&str>) -> Result<(), NameError> {
+        let (embedding, score) =
+            self.names.get(&id).map_or_else(Default::default, |named| (named.name.embedding.clone(), named.score));
+        let name = label.map_or_else(ObjectName::default, ObjectName::by_hand);
+        self.set(id, ObjectName { embedding, by_hand: true, ..name }, score)
     }
 
     fn insert(&mut self, id: SegmentId, named: Named) {
@@ -190,6 +279,16 @@ impl ObjectNames {
         self.remove(id);
     }
 
+    /// Drops all names but those that a person gave.
+    pub fn keep_by_hand(&mut self) {
+        let others = self.names.iter().filter(|(_, named)| !named.name.by_hand);
+        let others: Vec<SegmentId> = others.map(|(id, _)| *id).collect();
+        others.into_iter().for_each(|id| self.forget(id));
+        for named in self.names.values_mut() {
+            named.score = 0.0;
+        }
+    }
+
     /// Drops the names of all objects but these.
     pub fn keep_only(&mut self, ids: &BTreeSet<SegmentId>) {
         let others: Vec<SegmentId> = self.names.keys().filter(|id| !ids.contains(id)).copied().collect();
@@ -198,8 +297,8 @@ impl ObjectNames {
 
     /// Drops the embeddings of all objects but these. Labels stay, for the list of all objects of a run.
     pub fn keep_embeddings_of(&mut self, ids: &BTreeSet<SegmentId>) {
-        let with_embedding = |named: &Named| !named.name.embedding.is_empty();
-        let others = self.names.iter().filter(|(id, named)| with_embedding(named) && !ids.contains(*id));
+        let has_embedding = |named: &Named| !named.name.embedding.is_empty();
+        let others = self.names.iter().filter(|(id, named)| has_embedding(named) && !ids.contains(*id));
         let others: Vec<SegmentId> = others.map(|(id, _)| *id).collect();
         for id in others {
             if let Some(mut named) = self.remove(id) {
@@ -209,12 +308,12 @@ impl ObjectNames {
         }
     }
 
-    /// Gives the names of ids that turned out to be other ids' objects to those. Of two names, the one from the better
-    /// view stays, and one without label and embedding never does.
+    /// Gives the names of ids that turned out to be other ids' objects to those. Of two names, the one that a person gave
+    /// stays, else the one from the better view, and one without label and embedding never does.
     pub fn remap(&mut self, remapped: &[RemappedId]) {
         for RemappedId { from, into } in remapped.iter().filter(|remapped| remapped.from != remapped.into) {
             let Some(other) = self.remove(*from) else { continue };
-            let rank = |named: &Named| (!named.name.is_empty(), named.score);
+            let rank = |named: &Named| (!named.name.is_empty(), named.name.by_hand, named.score);
             if self.names.get(into).is_none_or(|kept| rank(&other) > rank(kept)) {
                 self.insert(*into, other);
             }
@@ -250,6 +349,10 @@ impl ObjectNames {
         block.put("id", &[], all().map(|(id, _)| *id));
         block.put("score", &[], all().map(|(_, named)| named.score));
         block.put_json("labels.json", &all().map(|(_, named)| named.name.label.as_deref()).collect::<Vec<_>>());
+        let details: Vec<Option<LabelDetails>> = all().map(|(_, named)| named.name.details()).collect();
+        if details.iter().any(Option::is_some) {
+            block.put_json("details.json", &details);
+        }
         if let Some(dimension) = self.dimension {
             block.put("embedding_id", &[], embedded().map(|(id, _)| *id));
             block.put(
@@ -258,7 +361,7 @@ impl ObjectNames {
                 embedded().flat_map(|(_, named)| named.name.embedding.iter().copied()),
             );
         }
-        // The header of five arrays is never too long.
+        // The header of six arrays is never too long.
         block.to_bytes().unwrap_or_default()
     }
 
@@ -272,7 +375,7 @@ impl ObjectNames {
         let text: Vec<u8> = block.get(StateBlock::OLD_TEXT, &[]).map_err(damaged)?;
         let saved = if text.is_empty() { saved_names(&block).map_err(damaged)? } else { old_names::converted(&text)? };
         let mut names = Self::default();
-        for SavedName { id, label, embedding, score } in saved {
+        for SavedName { id, name, score } in saved {
             let wrong = |problem: &str| NameError::Damaged(format!("object {id} {problem}"));
             if id == 0 || names.names.contains_key(&id) {
                 return Err(wrong("occurs twice, or its id is 0"));
@@ -280,7 +383,7 @@ impl ObjectNames {
             if !(score.is_finite() && score >= 0.0) {
                 return Err(wrong("has a view with an impossible score"));
             }
-            names.set(id, ObjectName { label, embedding }, score)?;
+            names.set(id, name, score)?;
         }
         Ok(names)
     }
@@ -289,8 +392,8 @@ impl ObjectNames {
 /// A name in a file.
 pub(crate) struct SavedName {
     pub(crate) id: SegmentId,
-    pub(crate) label: Option<String>,
-    pub(crate) embedding: Vec<f32>,
+    pub(crate) name: ObjectName,
+    /// Of the view.
     pub(crate) score: f64,
 }
 
@@ -299,6 +402,7 @@ fn saved_names(block: &StateBlock) -> Result<Vec<SavedName>, StateError> {
     let ids: Vec<SegmentId> = block.get("id", &[])?;
     let scores: Vec<f64> = block.get_rows("score", ids.len(), &[])?;
     let labels: Vec<Option<String>> = block.get_json("labels.json")?.unwrap_or_default();
+    let details: Vec<Option<LabelDetails>> = block.get_json("details.json")?.unwrap_or_else(|| vec![None; ids.len()]);
     let embedding_ids: Vec<SegmentId> = block.get("embedding_id", &[])?;
     let (dimension, numbers): (usize, Vec<f32>) = block.get_matrix("embedding")?;
     let unequal = |name: &str, found: usize, expected: usize| StateError::Array {
@@ -309,16 +413,22 @@ fn saved_names(block: &StateBlock) -> Result<Vec<SavedName>, StateError> {
     if labels.len() != ids.len() {
         return Err(unequal("labels.json", labels.len(), ids.len()));
     }
+    if details.len() != ids.len() {
+        return Err(unequal("details.json", details.len(), ids.len()));
+    }
     let embeddings = numbers.chunks_exact(dimension.max(1));
     if embeddings.len() != embedding_ids.len() {
         return Err(unequal("embedding", embeddings.len(), embedding_ids.len()));
     }
     let of_id: BTreeMap<SegmentId, &[f32]> = embedding_ids.into_iter().zip(embeddings).collect();
-    let name = |((id, score), label)| {
+    let name = |(((id, score), label), details): (((SegmentId, f64), Option<String>), Option<LabelDetails>)| {
         let embedding = of_id.get(&id).map_or_else(Vec::new, |embedding| embedding.to_vec());
-        SavedName { id, label, embedding, score }
+        let details = details.unwrap_or_default();
+        let LabelDetails { score: label_score, alternatives, by_hand } = details;
+        let name = ObjectName { label, embedding, score: label_score, alternatives, by_hand };
+        SavedName { id, name, score }
     };
-    Ok(ids.into_iter().zip(scores).zip(labels).map(name).collect())
+    Ok(ids.into_iter().zip(scores).zip(labels).zip(details).map(name).collect())
 }
 
 fn check_finite(embedding: &[f32]) -> Result<(), NameError> {

@@ -1,6 +1,6 @@
 //! Names of objects in maps of version 4, which are text: JSON, with embeddings in Base64. They are only read.
 
-use crate::names::{NameError, SavedName};
+use crate::names::{NameError, ObjectName, SavedName};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use serde::Deserialize;
@@ -32,8 +32,11 @@ pub(crate) fn converted(text: &[u8]) -> Result<Vec<SavedName>, NameError> {
         }
         Ok(SavedName {
             id,
-            label,
-            embedding: numbers.iter().map(|number| f32::from_le_bytes(*number)).collect(),
+            name: ObjectName {
+                label,
+                embedding: numbers.iter().map(|number| f32::from_le_bytes(*number)).collect(),
+                ..ObjectName::default()
+            },
             score,
         })
     };

@@ -13,6 +13,7 @@ use super::live::LiveArguments;
 use super::live::ros2::Ros2Arguments;
 use super::locate::LocateArguments;
 use super::map_changes::DiffArguments;
+use super::name::NameArguments;
 use super::options::SettingsOptions;
 use super::run::SavedRun;
 use super::settings::SettingsArguments;
@@ -81,8 +82,10 @@ pub enum Command {
     Export(ExportArguments),
     /// Compare two saved memories of a place: what is gone, new, moved, unchanged or was not looked at
     Diff(DiffArguments),
-    /// Find objects of a saved memory by their names
+    /// Find objects of a saved memory by words: labels, colours, sizes, and pictures with a network
     Find(FindArguments),
+    /// Give the objects of a saved memory names: by hand, from a file, or with a network
+    Name(NameArguments),
     /// Find where single frames were taken, in the coordinates of a saved memory
     Locate(Box<LocateArguments>),
     /// List the devices that networks can run on, and test each one
@@ -94,8 +97,8 @@ pub enum Command {
 impl Command {
     /// True for the commands that have threads, but no setting for their number.
     pub fn has_fixed_threads(&self) -> bool {
-        use Command::{Convert, Diff, Eval, Export, Find, Inspect, Locate};
-        matches!(self, Convert(_) | Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_))
+        use Command::{Convert, Diff, Eval, Export, Find, Inspect, Locate, Name};
+        matches!(self, Convert(_) | Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_) | Name(_))
     }
 }
 

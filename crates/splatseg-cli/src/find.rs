@@ -1,12 +1,14 @@
-//! `splatseg find`: objects of a saved memory by their names.
+//! `splatseg find`: objects of a saved memory by words.
 
 use super::Failure;
 use super::map_changes::described;
-use super::terminal::counted;
+use super::name::open_network;
 use clap::Args;
+use serde::Serialize;
+use splatseg::names::{FoundObject, Query, find_objects};
 use splatseg::pipeline::NamedMap;
 use splatseg_geometry::SegmentId;
-use splatseg_objects::{ObjectNames, object_shapes};
+use splatseg_objects::{Object, ObjectList, ObjectNames, ObjectShape};
 use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -16,62 +18,118 @@ use std::process::{Command, Stdio};
 const LABELS: usize = 20;
 
 #[derive(Debug, Args)]
-#[command(after_long_help = "Examples:\n  splatseg find map.ply mug\n  \
+#[command(after_long_help = "Examples:\n  \
+    splatseg find map.ply mug\n  \
+    splatseg find map.ply \"the small red one\"\n  \
+    splatseg find map.ply \"something to drink from\" --names pe-core-s16.safetensors --json\n  \
     splatseg find map.ply \"something to drink from\" --text-encoder ./clip_text.py\n\n\
-    Names come from a function of yours (name_objects of the libraries for Python and Rust) and are saved with the map:\n\
-    docs/OBJECTS.md.")]
+    Labels come from `run --names`, `splatseg name`, or a function of yours: docs/NAMES.md. Words for colours and sizes\n\
+    need none. With --names, objects are also compared with the text itself; those of a map that was saved without\n\
+    names are first named from its keyframes.")]
 pub struct FindArguments {
     /// The map: a memory saved by `run --save-memory`, `live --map` or a program
     pub map: PathBuf,
-    /// Text that the label contains, in upper or lower case
+    /// What to find, e.g. `red mug`, `chairs` or `the largest one`
     pub text: String,
+    /// Network for images and words, with which the objects were or are to be named
+    #[arg(long, value_name = "FILE", conflicts_with = "text_encoder")]
+    pub names: Option<PathBuf>,
     /// Program that prints the embedding of its argument, the text, as a JSON list of numbers; the objects most similar to
     /// it are found, whatever their labels
     #[arg(long, value_name = "PROGRAM")]
     pub text_encoder: Option<PathBuf>,
-    /// Maximum number of objects found by --text-encoder
-    #[arg(long, value_name = "N", default_value = "5", requires = "text_encoder")]
+    /// Maximum number of objects
+    #[arg(long, value_name = "N", default_value = "5")]
     pub top: NonZeroUsize,
+    /// Print the objects as JSON: a list with id, label, score, and shape as in objects.json
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// An object in the output of `--json`.
+#[derive(Serialize)]
+struct Printed<'a> {
+    #[serde(flatten)]
+    found: &'a FoundObject,
+    color: Option<[u8; 3]>,
+    shape: Option<&'a ObjectShape>,
 }
 
 /// Prints the objects that fit the text.
 pub fn find(arguments: &FindArguments) -> Result<(), Failure> {
-    let FindArguments { map: path, text, text_encoder, top } = arguments;
-    let map = NamedMap::load(path).map_err(Failure::input)?;
+    let FindArguments { map: path, text, names: network, text_encoder, top, json } = arguments;
+    let mut map = NamedMap::load(path).map_err(Failure::input)?;
     let wrong = |problem: &str| Failure::input(format!("{}: {problem}", path.display()));
-    if map.names.is_empty() {
-        return Err(wrong("its objects have no names: a program gives them (docs/OBJECTS.md)"));
-    }
-    match text_encoder {
-        Some(encoder) => {
-            let embedding = encoded(encoder, text)?;
-            let found = map.names.find(&embedding).map_err(|error| wrong(&error.to_string()))?;
-            if found.is_empty() {
-                return Err(wrong("its objects have labels, but no embeddings"));
-            }
-            let similar = found.iter().take(top.get()).map(|(id, similarity)| (*id, Some(*similarity)));
-            print(&map, similar);
-        }
+    let query = Query::new(text);
+    let found = match text_encoder {
+        Some(encoder) => similar(&map, &encoded(encoder, text)?).map_err(|problem| wrong(&problem))?,
         None => {
-            let found = map.names.find_label(text);
-            match found.len() {
-                0 => say!("no label contains {text:?}; {}", known_labels(&map.names)),
-                count => say!("{} with {text:?} in the label", counted(count, "object")),
+            let network = network.as_deref().map(|network| open_network(network, None)).transpose()?;
+            if let Some(network) = network.as_ref().filter(|_| map.names.embeddings().next().is_none()) {
+                let named = map.name_from_keyframes(path, network).map_err(Failure::input)?;
+                if named == 0 {
+                    return Err(wrong("its keyframes show no object in colour, so the network has nothing to see"));
+                }
             }
-            print(&map, found.into_iter().map(|id| (id, None)));
+            if map.names.is_empty() && !query.thing.is_empty() {
+                let how = "give them with --names FILE or `splatseg name` (docs/NAMES.md)";
+                return Err(wrong(&format!("its objects have no names: {how}")));
+            }
+            find_objects(&query, &map.object_list(), &map.names, network.as_ref())
+                .map_err(|error| wrong(&error.to_string()))?
         }
+    };
+    let list = map.object_list();
+    let shown = &found[..found.len().min(top.get())];
+    if *json {
+        return print_json(&list, shown);
+    }
+    if found.is_empty() {
+        say!("nothing fits {text:?}; {}", known_labels(&map.names));
+    }
+    for found in shown {
+        let label = found.label.as_deref().unwrap_or("without label");
+        let shape = object(&list, found.id).and_then(|object| object.shape.as_ref());
+        let shape = shape.map_or_else(|| "without depth".to_owned(), described);
+        let by = found.by.join(", ");
+        say!("{} {label}, score {:.2} ({by}): {shape}", found.id, found.score);
+    }
+    // By similarity every object is found, so that there are more says nothing.
+    if found.len() > shown.len() && text_encoder.is_none() {
+        say!("… and {} more: --top shows them", found.len() - shown.len());
     }
     Ok(())
 }
 
-fn print(map: &NamedMap, found: impl Iterator<Item = (SegmentId, Option<f32>)>) {
-    let shapes = object_shapes(&map.memory.map());
-    for (id, similarity) in found {
-        let label = map.names.label(id).unwrap_or("without label");
-        let similarity = similarity.map_or_else(String::new, |similarity| format!(", similarity {similarity:.2}"));
-        let shape = shapes.get(&id).map_or_else(|| "without depth".to_owned(), described);
-        say!("{id} {label}{similarity}: {shape}");
+/// The objects most similar to an embedding.
+fn similar(map: &NamedMap, embedding: &[f32]) -> Result<Vec<FoundObject>, String> {
+    let found = map.names.find(embedding).map_err(|error| error.to_string())?;
+    if found.is_empty() {
+        return Err("its objects have no embeddings, but labels at most".to_owned());
     }
+    let found = found.into_iter().map(|(id, score)| {
+        let label = map.names.label(id).map(str::to_owned);
+        FoundObject { id, label, score, by: vec!["similarity"] }
+    });
+    Ok(found.collect())
+}
+
+fn object(list: &ObjectList, id: SegmentId) -> Option<&Object> {
+    list.objects.iter().find(|object| object.id == id)
+}
+
+fn print_json(list: &ObjectList, found: &[FoundObject]) -> Result<(), Failure> {
+    let printed: Vec<Printed<'_>> = found
+        .iter()
+        .map(|found| {
+            let object = object(list, found.id);
+            let (color, shape) =
+                (object.and_then(|object| object.color), object.and_then(|object| object.shape.as_ref()));
+            Printed { found, color, shape }
+        })
+        .collect();
+    say!("{}", serde_json::to_string_pretty(&printed).map_err(Failure::runtime)?);
+    Ok(())
 }
 
 /// The embedding that a user's program prints for a text.
@@ -90,7 +148,7 @@ fn encoded(program: &Path, text: &str) -> Result<Vec<f32>, Failure> {
 fn known_labels(names: &ObjectNames) -> String {
     let labels: BTreeSet<&str> = names.labels().map(|(_, label)| label).collect();
     if labels.is_empty() {
-        return "the objects have embeddings, but no labels (see --text-encoder)".to_owned();
+        return "no object has a label".to_owned();
     }
     let rest = labels.len().saturating_sub(LABELS);
     let first: Vec<&str> = labels.into_iter().take(LABELS).collect();

@@ -8,6 +8,7 @@ use super::options::{CameraOptions, TopicOptions};
 use clap::Args;
 use splatseg_dataset::RecordingScene;
 use splatseg_models::checkpoint::{Architecture, Checkpoint, CheckpointError, Dtype, Format, printable};
+use splatseg_models::clip::ClipNetwork;
 use splatseg_models::completeness::missing_tensors;
 use splatseg_models::device::{DeviceError, HAS_NETWORKS};
 use std::collections::BTreeMap;
@@ -116,13 +117,38 @@ fn print(checkpoint: &Checkpoint) {
     }
 }
 
+/// The sizes of a CLIP network, or what is wrong with it.
+fn print_clip(checkpoint: &Checkpoint) {
+    match ClipNetwork::load(checkpoint) {
+        Ok(network) => {
+            let config = network.config();
+            let (image, text) = (config.image, config.text);
+            say!(
+                "images         {0} x {0} pixels, {1} blocks of width {2}",
+                config.image_size,
+                image.blocks,
+                image.width
+            );
+            say!("texts          {} tokens, {} blocks of width {}", config.context, text.blocks, text.width);
+            config.assumed.iter().for_each(|assumed| say!("assumed        {assumed}"));
+            say!("missing        nothing: --names reads it");
+        }
+        Err(error) => say!("missing        {error}"),
+    }
+}
+
 /// Maximum number of names listed without `--tensors`.
 const LISTED: usize = 10;
 
 fn print_missing(checkpoint: &Checkpoint, all: bool) {
+    if let Architecture::Clip { .. } = checkpoint.architecture() {
+        return print_clip(checkpoint);
+    }
     let Some(missing) = missing_tensors(checkpoint) else {
         let reason = match checkpoint.architecture() {
-            Architecture::Unknown => "splatseg runs FastSAM, SAM 2.1, EdgeTAM and EfficientTAM only".to_owned(),
+            Architecture::Unknown => {
+                "splatseg runs FastSAM, SAM 2.1, EdgeTAM, EfficientTAM, CLIP and Perception Encoder only".to_owned()
+            }
             _ if !HAS_NETWORKS => DeviceError::NoNetworks.to_string(),
             _ => "the tensors from which the network's size is read are missing or damaged".to_owned(),
         };

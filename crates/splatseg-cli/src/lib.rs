@@ -21,6 +21,7 @@ mod live;
 mod locate;
 mod manifest;
 mod map_changes;
+mod name;
 mod options;
 mod output_folder;
 mod run;
@@ -70,6 +71,7 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Export(export) => export::export(&export),
         Command::Diff(diff) => map_changes::diff(&diff),
         Command::Find(find) => find::find(&find),
+        Command::Name(name) => name::name(&name),
         Command::Live(live) => live::live(&live, program),
         Command::Ros2(ros2) => live::ros2::ros2(&ros2, program),
         Command::Locate(locate) => locate::locate(&locate),

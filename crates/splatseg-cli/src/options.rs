@@ -196,6 +196,10 @@ pub struct SettingsOptions {
     pub tracker: Option<String>,
     #[arg(long, value_name = "FILE")]
     pub tracker_weights: Option<String>,
+    #[arg(long, value_name = "FILE")]
+    pub names: Option<String>,
+    #[arg(long, value_name = "FILE")]
+    pub vocabulary: Option<String>,
     #[arg(long, value_name = "SOURCE")]
     pub prompts: Option<String>,
     #[arg(long, value_name = "SOURCE", value_delimiter = ',')]
@@ -242,6 +246,7 @@ impl SettingsOptions {
                 "--poses: found {found}, expected one source; only bench compares several"
             )));
         }
+        let namer = self.names.as_ref().map(|_| "clip".to_owned());
         let options = [
             ("method_preset", self.method_preset.as_ref()),
             ("segmenter", self.segmenter.as_ref()),
@@ -249,6 +254,9 @@ impl SettingsOptions {
             ("weights", self.weights.as_ref()),
             ("tracker", self.tracker.as_ref()),
             ("tracker_weights", self.tracker_weights.as_ref()),
+            ("namer", namer.as_ref()),
+            ("names", self.names.as_ref()),
+            ("vocabulary", self.vocabulary.as_ref()),
             ("prompts", self.prompts.as_ref()),
             ("poses", self.poses.first()),
             ("detail", self.detail.as_ref()),

@@ -12,6 +12,10 @@ use std::path::{Path, PathBuf};
 const IMAGES_AT_ONCE: usize = 4;
 const TEXTS_AT_ONCE: usize = 64;
 
+/// Factor of similarities in a checkpoint that does not tell it, and the largest one.
+const USUAL_SCALE: f32 = 100.0;
+const MAX_SCALE: f32 = 200.0;
+
 /// A CLIP network on the CPU.
 #[derive(Clone, Debug)]
 pub struct ClipNetwork {
@@ -19,6 +23,7 @@ pub struct ClipNetwork {
     config: ClipConfig,
     image: ImageTower,
     text: TextTower,
+    scale: f32,
     tokenizer: ClipTokenizer,
 }
 
@@ -45,12 +50,22 @@ impl ClipNetwork {
         let config = ClipConfig::of(checkpoint)?;
         let reader = LayerReader(checkpoint);
         let (image, text) = (ImageTower::load(reader, &config)?, TextTower::load(reader, &config)?);
-        Ok(Self { path, config, image, text, tokenizer: ClipTokenizer::built_in() })
+        let scale = match checkpoint.info("logit_scale") {
+            Some(_) => reader.tensor("logit_scale", &[])?[0].exp(),
+            None => USUAL_SCALE,
+        };
+        let scale = if scale.is_finite() { scale.clamp(1.0, MAX_SCALE) } else { USUAL_SCALE };
+        Ok(Self { path, config, image, text, scale, tokenizer: ClipTokenizer::built_in() })
     }
 
     /// The sizes of the network.
     pub const fn config(&self) -> &ClipConfig {
         &self.config
+    }
+
+    /// The factor by which similarities are multiplied before a softmax, as in training; 1 to 200.
+    pub const fn scale(&self) -> f32 {
+        self.scale
     }
 
     /// The file that the network was loaded from.

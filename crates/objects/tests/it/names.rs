@@ -6,14 +6,14 @@ use splatseg_geometry::RemappedId;
 use splatseg_objects::{NameError, ObjectName, ObjectNames};
 
 fn name(label: &str, embedding: &[f32]) -> ObjectName {
-    ObjectName { label: Some(label.to_owned()), embedding: embedding.to_vec() }
+    ObjectName { label: Some(label.to_owned()), embedding: embedding.to_vec(), ..ObjectName::default() }
 }
 
 fn kitchen() -> ObjectNames {
     let mut names = ObjectNames::default();
     names.set(3, name("Red mug", &[1.0, 0.0]), 10.0).unwrap();
     names.set(4, name("blue mug", &[0.0, 2.0]), 20.0).unwrap();
-    names.set(9, ObjectName { label: None, embedding: vec![-1.0, 0.5] }, 5.0).unwrap();
+    names.set(9, ObjectName { label: None, embedding: vec![-1.0, 0.5], ..ObjectName::default() }, 5.0).unwrap();
     names.set(11, name("  table ", &[]), 5.0).unwrap();
     names
 }
@@ -117,7 +117,7 @@ proptest! {
         let mut names = ObjectNames::default();
         for (id, (label, embedded)) in labels {
             let embedding = if embedded { numbers.to_vec() } else { Vec::new() };
-            names.set(id, ObjectName { label, embedding }, score + f64::from(id)).unwrap();
+            names.set(id, ObjectName { label, embedding, ..ObjectName::default() }, score + f64::from(id)).unwrap();
         }
         let saved = names.to_bytes();
         let read = ObjectNames::from_bytes(&saved).unwrap();

@@ -34,6 +34,8 @@ fn list() -> ObjectList {
     let known = Object {
         id: 7,
         label: None,
+        label_score: None,
+        label_alternatives: Vec::new(),
         state: Some(ObjectState::Remembered),
         frames: 3,
         first_frame: Some(frame.clone()),
@@ -46,6 +48,8 @@ fn list() -> ObjectList {
     let unknown = Object {
         id: 8,
         label: Some("cup".to_owned()),
+        label_score: None,
+        label_alternatives: Vec::new(),
         state: Some(ObjectState::Forgotten),
         frames: 0,
         first_frame: None,
@@ -96,7 +100,7 @@ fn csv_has_a_name_for_every_cell() {
     let name = "\"a, \"\"b\"\"\"";
     let expected = format!(
         "7,,remembered,3,0.875,4,{name},1305031102.175304,4,{name},1305031102.175304,1,2,3,0.1,-2.5,0.001,0,0,0,1,1,1,\
-         1,1,1,0.25,0.25,0.25,0,0,0,1,0.75,17,2,4,{name},1,2,3,4,objects/7.jpg,5"
+         1,1,1,0.25,0.25,0.25,0,0,0,1,0.75,17,2,4,{name},1,2,3,4,objects/7.jpg,5,,"
     );
     assert_eq!(lines[1], expected);
     assert_eq!(lines[2].split(',').count(), lines[0].split(',').count());

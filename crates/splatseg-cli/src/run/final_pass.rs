@@ -7,6 +7,7 @@
 use super::RunJob;
 use super::frame_history::{EarlierFrame, FrameHistory};
 use super::frame_loop::{EarlyEnd, LoopOutcome};
+use super::name_objects;
 use super::outputs;
 use super::progress::Progress;
 use super::result_writer::WriterOutcome;
@@ -19,7 +20,7 @@ use splatseg::Pipeline;
 use splatseg::summary::needs_rgb;
 use splatseg_dataset::{FrameStream, GroundTruth, Scene, StreamedFrame};
 use splatseg_geometry::{FrameAnchor, SegmentId};
-use splatseg_objects::{ObjectLog, RemapLog};
+use splatseg_objects::{KeptViews, ObjectLog, RemapLog};
 use splatseg_output::{ChangesSince, FrameRecord, ObjectsFile, OutputError, ResultFolder, RunEnd, RunOutput};
 use splatseg_tracking::{FrameOutput, Hindsight, TrackingError};
 use std::collections::BTreeSet;
@@ -46,6 +47,8 @@ struct Decided {
     objects: ObjectLog,
     ids: BTreeSet<SegmentId>,
     rgb_id_images: usize,
+    /// Views of the objects with their final ids, if they are to be named.
+    views: Option<KeptViews>,
 }
 
 impl FinalPass<'_> {
@@ -65,6 +68,7 @@ impl FinalPass<'_> {
             objects: ObjectLog::default(),
             ids: BTreeSet::new(),
             rgb_id_images: 0,
+            views: pipeline.has_namer().then(KeptViews::default),
         };
         match self.decide_all(pipeline, (history, &shown), written, &mut decided) {
             Ok(None) => {}
@@ -79,6 +83,12 @@ impl FinalPass<'_> {
             }
         }
         pipeline.set_objects(decided.objects);
+        if let Some(views) = decided.views {
+            pipeline.set_views(views);
+            if let Err(failure) = name_objects(pipeline) {
+                say_error!("the objects have no names: {failure}");
+            }
+        }
         written.outputs = decided.outputs;
         self.finish(pipeline, written, changes);
         for id in counts.ids.difference(&decided.ids) {
@@ -184,6 +194,9 @@ fn write(
 ) -> Result<(), OutputError> {
     let objects = decided.objects.record(&output);
     decided.ids.extend(objects.iter().map(|object| object.id));
+    if let Some(views) = &mut decided.views {
+        views.record(frame.color(), &output.segments, &objects);
+    }
     decided.rgb_id_images += usize::from(needs_rgb(&objects));
     let record = FrameRecord {
         number: place.number,

@@ -35,6 +35,7 @@ use super::manifest::SUMMARY;
 use super::map_changes::{self, MapBefore};
 use super::output_folder::{OutputFolder, OverwritePolicy};
 use super::system_limits::{no_thread, use_threads};
+use super::terminal::counted;
 use super::{Failure, devices};
 use final_ids::{FrameImages, update_frames};
 use final_pass::FinalPass;
@@ -225,6 +226,9 @@ fn execute_with(
     let changes = before.as_ref().and_then(|before| write_changes(before, &pipeline, &mut ended));
     let changes = before.as_ref().zip(changes.as_ref());
     let changes = changes.map(|(before, changes)| ChangesSince { before: before.map(), changes });
+    if !has_final_pass {
+        name_objects(&mut pipeline)?;
+    }
     let history = finish_outputs(job, scene.as_ref(), &pipeline, &mut ended, changes);
     let online = started.elapsed();
     let is_complete = ended.early.is_none() && ended.written.first_error.is_none() && ended.written.frames > 0;
@@ -237,6 +241,16 @@ fn execute_with(
     // The run is complete, so its saved state is no longer needed.
     let _ = saved_run::remove(&job.out);
     Ok(summary)
+}
+
+/// Names the objects, if the settings choose a namer that waits for the end of the frames.
+fn name_objects(pipeline: &mut Pipeline) -> Result<(), Failure> {
+    if pipeline.has_namer() {
+        let started = Instant::now();
+        let named = pipeline.finish_names().map_err(Failure::runtime)?;
+        say_error!("{} named from pictures in {:.1} s", counted(named, "object"), started.elapsed().as_secs_f64());
+    }
+    Ok(())
 }
 
 /// Brings the results of earlier frames up to date, and writes the outputs that need the whole run. Returns the frames.

@@ -1,7 +1,9 @@
-//! Namers: they say what objects are. None is built in; other crates register theirs.
+//! Namers: they say what objects are. `clip` is built in; other crates register theirs.
 
 use super::requirements::{Registry, choice};
 use super::{Part, PartKind, PartSettings, PartTable};
+use crate::names::ClipNamerSettings;
+use splatseg_geometry::SegmentId;
 use splatseg_objects::{Object, ObjectName, ObjectView};
 use splatseg_settings::SettingError;
 use std::error::Error;
@@ -18,8 +20,9 @@ pub struct ObjectToName<'a> {
 
 /// Names objects, e.g. with a network for images and words.
 ///
-/// A pipeline whose settings choose one names objects after every frame, as
-/// [`Pipeline::name_objects`](crate::Pipeline::name_objects) does.
+/// A pipeline whose settings choose one names objects as [`Pipeline::name_objects`](crate::Pipeline::name_objects) does:
+/// after every frame or, with a namer that is [slow](Self::is_slow), when the program calls
+/// [`Pipeline::finish_names`](crate::Pipeline::finish_names).
 pub trait Namer: Send {
     /// A short name for messages, e.g. `clip`.
     fn name(&self) -> &str;
@@ -30,12 +33,30 @@ pub trait Namer: Send {
     /// # Errors
     /// Ends the run. Return a name without label and embedding for an object that is not recognised.
     fn name_object(&mut self, object: ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>>;
+
+    /// Returns labels of objects by their embeddings, all together: for namers that compare the objects of a map. It is
+    /// called after objects were named. Without any, the labels of [`Self::name_object`] stay.
+    ///
+    /// # Errors
+    /// Ends the run.
+    fn label_objects(
+        &mut self,
+        objects: &[(SegmentId, &[f32])],
+    ) -> Result<Vec<(SegmentId, ObjectName)>, Box<dyn Error + Send + Sync>> {
+        let _ = objects;
+        Ok(Vec::new())
+    }
+
+    /// True if naming an object takes longer than a frame may: it is then done when the frames have ended.
+    fn is_slow(&self) -> bool {
+        false
+    }
 }
 
 /// A namer with its settings.
 pub type NamerSettings = PartSettings<dyn Namer>;
 
-static NAMERS: PartTable<dyn Namer> = PartTable::new(&[]);
+static NAMERS: PartTable<dyn Namer> = PartTable::new(&[Part::of::<ClipNamerSettings>()]);
 
 impl PartKind for dyn Namer {
     const KEY: &'static str = "namer";
@@ -56,7 +77,8 @@ impl NamerSettings {
 /// Adds the choice of a namer, and the settings of each, if there is one to choose.
 pub(crate) fn add_settings(registry: &mut Registry) {
     if !NAMERS.names().is_empty() {
-        let help = "The namer, which gives objects labels and embeddings. Without it they have none.";
+        let help = "The namer, which gives objects labels and embeddings. Without it they have none. `--names FILE` chooses \
+                    `clip`.";
         registry.add(vec![choice("namer", None, NAMERS.names(), help)], &[]);
         NAMERS.add_settings(registry, &[]);
     }

@@ -1,5 +1,6 @@
 //! Errors of a pipeline.
 
+use crate::names::NamesError;
 use crate::parts::PartError;
 use crate::settings::SettingsError;
 use splatseg_dataset::FrameReadError;
@@ -76,6 +77,14 @@ pub enum PipelineError {
         /// The error.
         source: Box<TrackingError>,
     },
+    /// The objects of a saved map could not be named.
+    #[error("{}: {source}", .path.display())]
+    MapNames {
+        /// The map.
+        path: PathBuf,
+        /// The error.
+        source: Box<NamesError>,
+    },
     /// The namer that the settings chose failed after a frame, whose result is lost.
     #[error("frame {frame}: {source}")]
     Namer {
@@ -99,6 +108,12 @@ pub enum NameObjectsError {
         /// The object.
         id: SegmentId,
         /// The function's error.
+        source: Box<dyn StdError + Send + Sync>,
+    },
+    /// The namer could not choose labels for the objects.
+    #[error("labels of the objects: {source}")]
+    Labels {
+        /// The namer's error.
         source: Box<dyn StdError + Send + Sync>,
     },
     /// The function has returned a name that cannot be used.

@@ -1,9 +1,10 @@
 //! A saved memory with the names of its objects, without a pipeline.
 
 use super::PipelineError;
+use crate::names::{ClipNames, NamesError, views_from_keyframes};
 use crate::settings::SettingsLayers;
-use splatseg_memory::SplatMemory;
-use splatseg_objects::ObjectNames;
+use splatseg_memory::{Attached, SplatFileError, SplatMemory};
+use splatseg_objects::{ObjectList, ObjectLog, ObjectName, ObjectNames};
 use std::path::{Path, PathBuf};
 
 /// A saved memory and the names that [`Pipeline::name_objects`](super::Pipeline::name_objects) gave its objects.
@@ -12,6 +13,8 @@ pub struct NamedMap {
     pub memory: SplatMemory,
     /// The names of the objects in the memory; none if the file has none.
     pub names: ObjectNames,
+    /// The camera's keyframes, as bytes for `splatseg_odometry`; `None` if the file has none.
+    pub keyframes: Option<Vec<u8>>,
 }
 
 impl NamedMap {
@@ -30,7 +33,54 @@ impl NamedMap {
         let mut names = take_names(&mut memory, path)?;
         // The state of a stopped run also has the names of objects that it has forgotten.
         names.keep_only(&memory.map().carried_ids());
-        Ok(Self { memory, names })
+        let keyframes = memory.take_keyframes();
+        Ok(Self { memory, names, keyframes })
+    }
+
+    /// The objects of the map with their names.
+    pub fn object_list(&self) -> ObjectList {
+        let mut list = ObjectList::new(&ObjectLog::default(), Some(self.memory.map()));
+        list.add_names(&self.names);
+        list
+    }
+
+    /// Names all objects from the map's keyframes, with a network. Labels that a person gave stay. Returns the number of objects that a keyframe shows.
+    ///
+    /// The file is read once more, since the map is looked at as in a new session, but saved as it was.
+    ///
+    /// # Errors
+    /// If the file or its keyframes cannot be read, or the network computes numbers that are not finite.
+    pub fn name_from_keyframes(&mut self, path: impl AsRef<Path>, network: &ClipNames) -> Result<usize, PipelineError> {
+        let path = path.as_ref();
+        let Some(keyframes) = &self.keyframes else { return Ok(0) };
+        let mut shown = Self::load(path)?.memory;
+        shown.start_session();
+        let views = views_from_keyframes(&shown, keyframes)?;
+        let carried = self.memory.map().carried_ids();
+        self.names.keep_by_hand();
+        let mut count = 0;
+        for id in carried {
+            let Some((view, score)) = views.view(id) else { continue };
+            let failed =
+                |source: NamesError| PipelineError::MapNames { path: path.to_owned(), source: Box::new(source) };
+            let embedding = network.embed_views(&[(view, 1.0)]).map_err(|error| failed(error.into()))?;
+            let name = ObjectName { embedding, ..ObjectName::default() };
+            self.names.set(id, name, score).map_err(|error| failed(error.into()))?;
+            count += 1;
+        }
+        let failed = |source| PipelineError::MapNames { path: path.to_owned(), source: Box::new(source) };
+        network.label(&mut self.names).map_err(failed)?;
+        Ok(count)
+    }
+
+    /// Saves the map with its names and keyframes.
+    ///
+    /// # Errors
+    /// As [`SplatMemory::save`].
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
+        let names = (!self.names.is_empty()).then(|| self.names.to_bytes());
+        let attached = Attached { keyframes: self.keyframes.as_deref(), names: names.as_deref() };
+        self.memory.save_with(path, attached)
     }
 }
 

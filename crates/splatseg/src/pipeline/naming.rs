@@ -1,10 +1,11 @@
 //! Names of objects, from your own function: see `docs/OBJECTS.md`.
 
 use super::kept_names::KeptNames;
+use super::stages::in_thread_pool;
 use super::{NameObjectsError, Pipeline};
-use crate::parts::ObjectToName;
+use crate::parts::{Namer, ObjectToName};
 use splatseg_geometry::SegmentId;
-use splatseg_objects::{NameError, ObjectList, ObjectName, ObjectNames, ObjectState};
+use splatseg_objects::{KeptViews, NameError, ObjectList, ObjectName, ObjectNames, ObjectState};
 use std::collections::BTreeSet;
 use std::error::Error;
 
@@ -42,7 +43,7 @@ impl Pipeline {
     ///         blue += f32::from(*b);
     ///     }
     ///     let label = if red > blue { "red" } else { "blue" };
-    ///     Ok(ObjectName { label: Some(label.to_owned()), embedding: vec![red, blue] })
+    ///     Ok(ObjectName { label: Some(label.to_owned()), embedding: vec![red, blue], ..ObjectName::default() })
     /// })?;
     /// let found = pipeline.find_label("red").len() + pipeline.find_label("blue").len();
     /// assert!(found > 0 && found == pipeline.find(&[1.0, 0.0])?.len());
@@ -80,12 +81,57 @@ impl Pipeline {
         Ok(calls)
     }
 
-    /// Names objects with the namer that the settings chose, if there is one.
-    pub(super) fn name_by_settings(&mut self) -> Result<(), NameObjectsError> {
-        let Some(mut namer) = self.names.namer.take() else { return Ok(()) };
-        let named = self.name_objects(|object| namer.name_object(object));
+    /// Names objects with the namer that the settings chose, if there is one. A namer that is slow is used only here: call
+    /// this after the last frame, or when the frames pause. Returns the number of objects that were named.
+    ///
+    /// # Errors
+    /// As [`Self::name_objects`].
+    pub fn finish_names(&mut self) -> Result<usize, NameObjectsError> {
+        let Some(mut namer) = self.names.namer.take() else { return Ok(0) };
+        let named = in_thread_pool(|| self.name_with(namer.as_mut()));
         self.names.namer = Some(namer);
-        named.map(|_| ())
+        named
+    }
+
+    fn name_with(&mut self, namer: &mut dyn Namer) -> Result<usize, NameObjectsError> {
+        let named = self.name_objects(|object| namer.name_object(object))?;
+        if named > 0 {
+            let names = &mut self.names.names;
+            let objects: Vec<(SegmentId, &[f32])> = names.embeddings().collect();
+            let labels = namer.label_objects(&objects).map_err(|source| NameObjectsError::Labels { source })?;
+            for (id, name) in labels {
+                names.relabel([(id, name)]).map_err(|source| NameObjectsError::Name { id, source })?;
+            }
+        }
+        Ok(named)
+    }
+
+    /// Names objects after a frame, unless the namer is slow.
+    pub(super) fn name_after_frame(&mut self) -> Result<(), NameObjectsError> {
+        if self.names.namer.as_ref().is_some_and(|namer| !namer.is_slow()) {
+            self.finish_names()?;
+        }
+        Ok(())
+    }
+
+    /// Gives an object the label of a person, or takes its label away with `None`. No namer replaces it.
+    ///
+    /// # Errors
+    /// [`NameError`] if the label cannot be used.
+    pub fn name_by_hand(&mut self, id: SegmentId, label: Option<&str>) -> Result<(), NameError> {
+        self.names.names.set_by_hand(id, label)
+    }
+
+    /// Replaces the views that objects are named from, e.g. by those of frames that were decided again, and drops the names
+    /// that a namer gave.
+    pub fn set_views(&mut self, views: KeptViews) {
+        self.names.names.keep_by_hand();
+        self.names.views = Some(views);
+    }
+
+    /// True if the settings choose a namer.
+    pub const fn has_namer(&self) -> bool {
+        self.names.namer.is_some()
     }
 
     /// The names of objects, given by a namer or by [`Self::name_objects`], or loaded with the memory.

@@ -149,7 +149,7 @@ impl Pipeline {
         }
         self.names.record(&frame.whole, &result.output, &result.objects);
         if self.names.namer.is_some() {
-            let (named, time) = timed(|| self.name_by_settings());
+            let (named, time) = timed(|| self.name_after_frame());
             named.map_err(|source| PipelineError::Namer { frame: frame.whole.name().to_owned(), source })?;
             result.times.add("name", time);
         }

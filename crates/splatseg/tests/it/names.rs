@@ -18,7 +18,7 @@ fn color(object: ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + 
     let mean = [0, 1, 2]
         .map(|channel| shown.iter().map(|pixel| f32::from(pixel[channel])).sum::<f32>() / shown.len().max(1) as f32);
     let label = if mean[0] >= mean[2] { "red" } else { "blue" };
-    Ok(ObjectName { label: Some(label.to_owned()), embedding: mean.to_vec() })
+    Ok(ObjectName { label: Some(label.to_owned()), embedding: mean.to_vec(), ..ObjectName::default() })
 }
 
 fn run(pipeline: &mut Pipeline, settings: &Settings) {

@@ -99,7 +99,7 @@ impl Namer for SameName {
     fn name_object(&mut self, _: ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>> {
         match self.0.as_str() {
             "nothing" => Err("no words".into()),
-            label => Ok(ObjectName { label: Some(label.to_owned()), embedding: Vec::new() }),
+            label => Ok(ObjectName { label: Some(label.to_owned()), embedding: Vec::new(), ..ObjectName::default() }),
         }
     }
 }

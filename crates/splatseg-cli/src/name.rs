@@ -1,0 +1,137 @@
+//! `splatseg name`: gives the objects of a saved memory names, by hand, from a file, or with a network.
+
+use super::Failure;
+use super::terminal::counted;
+use clap::Args;
+use splatseg::names::ClipNames;
+use splatseg::pipeline::NamedMap;
+use splatseg_files::{read_file, text_of};
+use splatseg_geometry::SegmentId;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+/// Maximum size of a file of labels, bytes.
+const MAX_LABELS_BYTES: u64 = 1 << 20;
+
+#[derive(Debug, Args)]
+#[command(after_long_help = "Examples:\n  \
+    splatseg name map.ply                                    # lists the objects and their names\n  \
+    splatseg name map.ply 15=mug 7=\"office chair\" 9=          # by hand; `9=` takes a label away\n  \
+    splatseg name map.ply --labels names.csv                 # lines of id,label\n  \
+    splatseg name map.ply --names pe-core-s16.safetensors    # from the pictures in the map\n\n\
+    The map is changed in place, unless --out names another file. No network replaces a label given by hand:\n\
+    docs/NAMES.md.")]
+pub struct NameArguments {
+    /// The map: a memory saved by `run --save-memory`, `live --map` or a program
+    pub map: PathBuf,
+    /// Labels by hand: the id of an object, `=`, and its label
+    #[arg(value_name = "ID=LABEL")]
+    pub given: Vec<String>,
+    /// File of labels by hand: a line for each object, with id and label and a comma between
+    #[arg(long, value_name = "FILE.csv")]
+    pub labels: Option<PathBuf>,
+    /// Network for images and words: a .safetensors of CLIP or Perception Encoder
+    #[arg(long, value_name = "FILE")]
+    pub names: Option<PathBuf>,
+    /// Labels to choose from, one in each line, by default about 670 household things
+    #[arg(long, value_name = "FILE", requires = "names")]
+    pub vocabulary: Option<PathBuf>,
+    /// Least probability of a label that the network gives
+    #[arg(long, value_name = "P", requires = "names")]
+    pub min_score: Option<f64>,
+    /// File for the named map; by default the map itself
+    #[arg(long, value_name = "FILE.ply")]
+    pub out: Option<PathBuf>,
+}
+
+/// Loads a network for images and words.
+pub fn open_network(network: &Path, vocabulary: Option<&Path>) -> Result<ClipNames, Failure> {
+    let names = ClipNames::open(network, vocabulary).map_err(Failure::input)?;
+    for assumed in &names.network().config().assumed {
+        say_error!("{}: {assumed}", network.display());
+    }
+    Ok(names)
+}
+
+/// Names objects, and lists them.
+pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
+    let path = &arguments.map;
+    let mut labels = labels_of_file(arguments.labels.as_deref())?;
+    for given in &arguments.given {
+        labels.push(label(given, '=').map_err(Failure::input)?);
+    }
+    if let Some(score) = arguments.min_score.filter(|score| !(0.0..=1.0).contains(score)) {
+        return Err(Failure::input(format!("--min-score: found {score}, expected 0 to 1")));
+    }
+    let mut map = NamedMap::load(path).map_err(Failure::input)?;
+    let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
+    let ids = map.memory.map().carried_ids();
+    if let Some((id, _)) = labels.iter().find(|(id, _)| !ids.contains(id)) {
+        return Err(wrong(format!("found no object {id}, expected one of {}", listed(&ids))));
+    }
+    if let Some(network) = &arguments.names {
+        let network = open_network(network, arguments.vocabulary.as_deref())?;
+        let network = network.with_min_score(arguments.min_score.unwrap_or(ClipNames::MIN_SCORE));
+        let named = map.name_from_keyframes(path, &network).map_err(Failure::input)?;
+        if named == 0 {
+            return Err(wrong("its keyframes show no object in colour, so the network has nothing to see".to_owned()));
+        }
+    }
+    for (id, label) in &labels {
+        map.names.set_by_hand(*id, label.as_deref()).map_err(|error| wrong(format!("object {id}: {error}")))?;
+    }
+    if arguments.names.is_some() || !labels.is_empty() {
+        let out = arguments.out.as_ref().unwrap_or(path);
+        map.save(out).map_err(Failure::runtime)?;
+        say_error!("{}: {} with a label", out.display(), counted(map.names.labels().count(), "object"));
+    }
+    for id in ids {
+        let Some(name) = map.names.name(id).filter(|name| name.label.is_some()) else {
+            say!("{id} unknown");
+            continue;
+        };
+        let score = match name.score {
+            Some(score) => format!(" ({score:.2})"),
+            None if name.by_hand => " (by hand)".to_owned(),
+            None => String::new(),
+        };
+        say!("{id} {}{score}", name.label.as_deref().unwrap_or_default());
+    }
+    Ok(())
+}
+
+/// The labels in a file.
+fn labels_of_file(path: Option<&Path>) -> Result<Vec<(SegmentId, Option<String>)>, Failure> {
+    let Some(path) = path else { return Ok(Vec::new()) };
+    let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
+    let bytes = read_file(path, MAX_LABELS_BYTES).map_err(|error| wrong(error.to_string()))?;
+    let text = text_of(bytes).map_err(|error| wrong(error.to_string()))?;
+    let lines = text.lines().enumerate().map(|(index, line)| (index, line.trim()));
+    let mut labels = Vec::new();
+    for (index, line) in lines.filter(|(_, line)| !line.is_empty() && !line.starts_with('#')) {
+        // A table may begin with names of its columns.
+        if index == 0 && line.to_lowercase().starts_with("id,") {
+            continue;
+        }
+        labels.push(label(line, ',').map_err(|problem| wrong(format!("line {}: {problem}", index + 1)))?);
+    }
+    Ok(labels)
+}
+
+/// An id and a label, with a character between; without a label, that of the object is taken away.
+fn label(text: &str, between: char) -> Result<(SegmentId, Option<String>), String> {
+    let wrong =
+        || format!("found {text:?}, expected the id of an object, {between:?} and a label, e.g. 15{between}mug");
+    let (id, label) = text.split_once(between).ok_or_else(wrong)?;
+    let id = id.trim().trim_matches('"').parse().map_err(|_| wrong())?;
+    let label = label.trim();
+    let label = label.strip_prefix('"').and_then(|label| label.strip_suffix('"')).unwrap_or(label);
+    Ok((id, (!label.is_empty()).then(|| label.replace("\"\"", "\""))))
+}
+
+/// The first ids, for a message.
+fn listed(ids: &BTreeSet<SegmentId>) -> String {
+    let first: Vec<String> = ids.iter().take(10).map(ToString::to_string).collect();
+    let more = if ids.len() > first.len() { format!(" and {} more", ids.len() - first.len()) } else { String::new() };
+    format!("{}{more}", first.join(", "))
+}

@@ -1,0 +1,157 @@
+//! Objects found by words: labels, pictures, colours and sizes, through one function.
+
+use super::clip_names::{ClipNames, NamesError};
+use super::query::{AskedSize, Query};
+use super::vocabulary::Vocabulary;
+use serde::Serialize;
+use splatseg_geometry::SegmentId;
+use splatseg_objects::{NameError, Object, ObjectList, ObjectNames, ObjectState};
+
+/// Objects whose score is less than this share of the best are left out.
+const MIN_SHARE: f32 = 0.25;
+/// Least score of an object.
+const MIN_SCORE: f32 = 0.05;
+/// Score of a label that only contains the text, or is an alternative.
+const PART_OF_LABEL: f32 = 0.8;
+const ALTERNATIVE: f32 = 0.5;
+
+/// An object that fits a text.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FoundObject {
+    /// Its id.
+    pub id: SegmentId,
+    /// Its label, if it has one.
+    pub label: Option<String>,
+    /// How well it fits, 0 to 1.
+    pub score: f32,
+    /// What of it fits: `label`, `picture`, `color`, `size`.
+    pub by: Vec<&'static str>,
+}
+
+/// Finds the objects that fit a text, best first, equally good ones by id. Labels, their synonyms in the built-in
+/// vocabulary, colour words and words for size need no network. With one, objects with an embedding are also compared with
+/// the text, whatever their labels. Objects that the memory has forgotten are left out.
+///
+/// # Errors
+/// [`NamesError`] if the embeddings are of another network.
+pub fn find_objects(
+    query: &Query,
+    list: &ObjectList,
+    names: &ObjectNames,
+    network: Option<&ClipNames>,
+) -> Result<Vec<FoundObject>, NamesError> {
+    let present = list.objects.iter().filter(|object| object.state != Some(ObjectState::Forgotten));
+    let mut found: Vec<(FoundObject, &Object)> = present
+        .map(|object| {
+            let (score, by) = (1.0, Vec::new());
+            (FoundObject { id: object.id, label: object.label.clone(), score, by }, object)
+        })
+        .collect();
+    if !query.thing.is_empty() {
+        let synonyms = Synonyms::new(&query.thing, network.map(ClipNames::vocabulary));
+        let pictures = picture_fits(query, &found, names, network)?;
+        for ((found, object), picture) in found.iter_mut().zip(pictures) {
+            let label = synonyms.fit(object);
+            found.score = label.max(picture);
+            found.by.extend((label > 0.0).then_some("label"));
+            found.by.extend((picture > label).then_some("picture"));
+        }
+    }
+    if query.color.is_some() {
+        for (found, object) in &mut found {
+            found.score *= query.color_fit(object.color);
+            found.by.push("color");
+        }
+    }
+    found.retain(|(found, _)| found.score >= MIN_SCORE);
+    if let Some(size) = query.size {
+        rank_by_size(&mut found, size);
+    }
+    let mut found: Vec<FoundObject> = found.into_iter().map(|(found, _)| found).collect();
+    found.sort_by(|one, other| other.score.total_cmp(&one.score).then(one.id.cmp(&other.id)));
+    let best = found.first().map_or(0.0, |best| best.score);
+    found.retain(|found| found.score >= MIN_SHARE * best);
+    Ok(found)
+}
+
+/// How well the picture of each object fits the text; 0 without a network or embedding.
+fn picture_fits(
+    query: &Query,
+    found: &[(FoundObject, &Object)],
+    names: &ObjectNames,
+    network: Option<&ClipNames>,
+) -> Result<Vec<f32>, NamesError> {
+    let mut fits = vec![0.0; found.len()];
+    let Some(network) = network else { return Ok(fits) };
+    let expected = network.network().config().embedding;
+    let embedded: Vec<(usize, &[f32])> = found.iter().map(|(found, _)| names.embedding(found.id)).enumerate().collect();
+    let embedded: Vec<(usize, &[f32])> = embedded.into_iter().filter(|(_, embedding)| !embedding.is_empty()).collect();
+    if let Some((_, other)) = embedded.iter().find(|(_, embedding)| embedding.len() != expected) {
+        return Err(NameError::Length { found: expected, expected: other.len() }.into());
+    }
+    let embeddings: Vec<&[f32]> = embedded.iter().map(|(_, embedding)| *embedding).collect();
+    for ((index, _), fit) in embedded.iter().zip(network.fits(&query.thing, &embeddings)?) {
+        fits[*index] = fit;
+    }
+    Ok(fits)
+}
+
+/// The smallest or largest of the objects comes first: their scores fall with their place in that order.
+fn rank_by_size(found: &mut [(FoundObject, &Object)], size: AskedSize) {
+    let volume = |object: &Object| {
+        object.shape.as_ref().map(|shape| {
+            let [x, y, z] = shape.oriented_box.size.to_array().map(|side| f64::from(side).max(0.01));
+            x * y * z
+        })
+    };
+    let mut order: Vec<usize> = (0..found.len()).collect();
+    order.sort_by(|one, other| {
+        let [one, other] = [one, other].map(|index| volume(found[*index].1));
+        let by_size = one.unwrap_or(f64::INFINITY).total_cmp(&other.unwrap_or(f64::INFINITY));
+        if size == AskedSize::Small { by_size } else { by_size.reverse() }
+    });
+    // An object without a shape has no size, so it comes last in either order.
+    order.sort_by_key(|index| volume(found[*index].1).is_none());
+    let count = order.len() as f32;
+    for (place, index) in order.into_iter().enumerate() {
+        let found = &mut found[index].0;
+        found.score *= 1.0 - 0.75 * place as f32 / count.max(1.0);
+        found.by.push("size");
+    }
+}
+
+/// A text and the labels for which it stands.
+struct Synonyms {
+    thing: String,
+    labels: Vec<String>,
+}
+
+impl Synonyms {
+    fn new(thing: &str, own: Option<&Vocabulary>) -> Self {
+        let built_in = Vocabulary::built_in();
+        let singular = thing.strip_suffix('s').unwrap_or(thing);
+        let vocabularies = own.into_iter().chain([&built_in]);
+        let labels = vocabularies.flat_map(|vocabulary| {
+            [thing, singular].into_iter().flat_map(|word| vocabulary.labels_of(word)).map(str::to_lowercase)
+        });
+        Self { thing: thing.to_owned(), labels: labels.collect() }
+    }
+
+    /// How well the labels of an object fit, 0 to 1.
+    fn fit(&self, object: &Object) -> f32 {
+        let fit = |label: &str| {
+            let label = label.to_lowercase();
+            let singular = self.thing.strip_suffix('s').unwrap_or(&self.thing);
+            if label == self.thing || label == singular || self.labels.contains(&label) {
+                1.0
+            } else if label.contains(self.thing.as_str()) {
+                PART_OF_LABEL
+            } else {
+                0.0
+            }
+        };
+        let own = object.label.as_deref().map_or(0.0, fit);
+        let other = |other: &splatseg_objects::LabelScore| ALTERNATIVE * fit(&other.label);
+        object.label_alternatives.iter().map(other).fold(own, f32::max)
+    }
+}
