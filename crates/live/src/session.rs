@@ -179,6 +179,10 @@ impl LiveSession {
         let ended = self.process(is_stopped).and_then(|()| self.publish_waiting(|_| true));
         // What was published is saved.
         self.pipeline.keep_verdicts();
+        // The frames have ended, so a namer may take its time. A map without new names is worth keeping, too.
+        if let Err(error) = self.pipeline.finish_names() {
+            tracing::warn!("the objects have no new names: {error}");
+        }
         let saved = if self.has_unsaved() || self.has_lost_files() { self.save() } else { Ok(()) };
         self.publish_all();
         match (ended, saved) {

@@ -6,4 +6,5 @@ mod method_preset;
 mod names;
 mod registered_parts;
 mod turned_frames;
+mod words;
 mod working_pixels;

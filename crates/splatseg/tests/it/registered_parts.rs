@@ -203,7 +203,7 @@ fn a_registered_namer_names_objects_after_every_frame() {
     let error = resolve(&["same_name.label=cup"]).unwrap_err().to_string();
     assert_eq!(error, "same_name.label is not used here: it needs namer = same-name, but namer is not given");
     let error = resolve(&["namer=other"]).unwrap_err().to_string();
-    assert_eq!(error, "namer is \"other\", expected same-name");
+    assert_eq!(error, "namer is \"other\", expected clip or same-name");
 }
 
 #[test]
