@@ -24,7 +24,14 @@ from open_clip.tokenizer import SimpleTokenizer
 from timm.models.eva import Eva
 from transformers import CLIPConfig, CLIPModel
 
-TEXTS = ["a photo of a mug", "the small red one", "", "a wooden chair, 3 legs (broken?)", "Zimmerpflanze's übergroß", "🪴"]
+TEXTS = [
+    "a photo of a mug",
+    "the small red one",
+    "",
+    "a wooden chair, 3 legs (broken?)",
+    "Zimmerpflanze's übergroß",
+    "🪴",
+]
 IMAGES = 3
 
 
@@ -162,9 +169,45 @@ def write(path, config, model, images, texts):
 def odd_texts():
     """A thousand texts of words, digits, marks, and letters of many scripts."""
     chance = random.Random(5)
-    words = "mug chair Sofa's table-lamp o'clock they'll TV 4K 1990s naïve Übergröße façade don't co-op x² ½ e.g. Ⅳ".split()
-    scripts = ["абвгд ежз", "日本語のマグ", "杯子椅子", "한국어", "αβγς ΔΣ", "עברית", "हिन्दी", "ภาษา", "العربية", "ქართული", "🪑🛋️👩‍🔬🏽"]
-    marks = ["!", "??", "...", "--", "()", "[x]", "@#$%", "&", "*", "/", "\\", "'", '"', "_", "~", "|", "=", "<3", ">", "'s", "’"]
+    words = (
+        ["mug", "chair", "Sofa's", "table-lamp", "o'clock", "they'll", "TV", "4K", "1990s", "naïve", "Übergröße", "façade", "don't", "co-op", "x²", "½", "e.g.", "Ⅳ"]
+    )
+    scripts = [
+        "абвгд ежз",
+        "日本語のマグ",
+        "杯子椅子",
+        "한국어",
+        "αβγς ΔΣ",
+        "עברית",
+        "हिन्दी",
+        "ภาษา",
+        "العربية",
+        "ქართული",
+        "🪑🛋️👩‍🔬🏽",
+    ]
+    marks = [
+        "!",
+        "??",
+        "...",
+        "--",
+        "()",
+        "[x]",
+        "@#$%",
+        "&",
+        "*",
+        "/",
+        "\\",
+        "'",
+        '"',
+        "_",
+        "~",
+        "|",
+        "=",
+        "<3",
+        ">",
+        "'s",
+        "’",
+    ]
     space = [" ", "  ", "\t", "\n", ""]
     texts = set()
     while len(texts) < 1000:
@@ -181,7 +224,9 @@ def odd_texts():
             elif pick < 0.9:
                 parts.append(str(chance.randint(0, 10**6)))
             else:
-                parts.append("".join(chr(chance.choice([chance.randint(33, 126), chance.randint(0xC0, 0x24F)])) for _ in "abc"))
+                parts.append(
+                    "".join(chr(chance.choice([chance.randint(33, 126), chance.randint(0xC0, 0x24F)])) for _ in "abc")
+                )
             parts.append(chance.choice(space))
         text = "".join(parts)
         straight = text.replace("’", "'")

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Times a network of OpenCLIP on the CPU, with random weights, and writes them for the example `clip_time`.
 
-    pip install torch torchvision open_clip_torch timm         # in a virtual environment
-    python tools/time_clip_pytorch.py PE-Core-S-16-384 s16.safetensors --threads 2
+pip install torch torchvision open_clip_torch timm         # in a virtual environment
+python tools/time_clip_pytorch.py PE-Core-S-16-384 s16.safetensors --threads 2
 """
 
 import argparse

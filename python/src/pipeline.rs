@@ -226,6 +226,19 @@ impl Pipeline {
         })
     }
 
+    /// Names objects with the namer of the settings; returns for how many it was asked.
+    fn finish_names(&self, py: Python<'_>) -> PyResult<usize> {
+        let mut guard = self.lock()?;
+        let state = &mut *guard;
+        py.detach(move || state.pipeline.finish_names()).map_err(runtime_error)
+    }
+
+    /// Gives an object the label of a person, or takes its label away.
+    #[pyo3(signature = (id, label))]
+    fn name_by_hand(&self, id: SegmentId, label: Option<&str>) -> PyResult<()> {
+        self.lock()?.pipeline.name_by_hand(id, label).map_err(value_error)
+    }
+
     /// The objects most similar to an embedding, with the similarity.
     fn find(&self, embedding: PyReadonlyArray1<'_, f32>) -> PyResult<Vec<(SegmentId, f32)>> {
         self.lock()?.pipeline.find(&embedding.as_array().to_vec()).map_err(value_error)

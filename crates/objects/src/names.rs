@@ -421,14 +421,15 @@ fn saved_names(block: &StateBlock) -> Result<Vec<SavedName>, StateError> {
         return Err(unequal("embedding", embeddings.len(), embedding_ids.len()));
     }
     let of_id: BTreeMap<SegmentId, &[f32]> = embedding_ids.into_iter().zip(embeddings).collect();
-    let name = |(((id, score), label), details): (((SegmentId, f64), Option<String>), Option<LabelDetails>)| {
+    let rest = scores.into_iter().zip(labels).zip(details);
+    let mut names = Vec::with_capacity(ids.len());
+    for (id, ((score, label), details)) in ids.into_iter().zip(rest) {
         let embedding = of_id.get(&id).map_or_else(Vec::new, |embedding| embedding.to_vec());
-        let details = details.unwrap_or_default();
-        let LabelDetails { score: label_score, alternatives, by_hand } = details;
+        let LabelDetails { score: label_score, alternatives, by_hand } = details.unwrap_or_default();
         let name = ObjectName { label, embedding, score: label_score, alternatives, by_hand };
-        SavedName { id, name, score }
-    };
-    Ok(ids.into_iter().zip(scores).zip(labels).zip(details).map(name).collect())
+        names.push(SavedName { id, name, score });
+    }
+    Ok(names)
 }
 
 fn check_finite(embedding: &[f32]) -> Result<(), NameError> {

@@ -103,6 +103,8 @@ class Object:
     """Its shape; ``None`` if it has no Gaussians."""
     best_view: BestView | None
     """Its best view."""
+    label_score: float | None = None
+    """How clearly the label fits, from 0 to 1; ``None`` if that is not known, as for labels given by hand."""
 
     @property
     def centroid(self) -> tuple[float, float, float] | None:
@@ -145,6 +147,7 @@ def parse(entry: dict[str, Any]) -> Object:
             area_px=view["area_px"],
             confidence=view["confidence"],
         ),
+        label_score=entry.get("label_score"),
     )
 
 

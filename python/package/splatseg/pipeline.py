@@ -185,6 +185,21 @@ class Pipeline:
             lambda rgb, mask, entry: _label_and_embedding(fn(rgb, mask, parse(json.loads(entry))))
         )
 
+    def finish_names(self) -> int:
+        """Names objects with the namer of the settings, ``namer="clip", names="FILE.safetensors"``; returns for how many.
+
+        A network takes longer than a frame may, so it is used only here: call it after the last frame, or when the frames
+        pause. Only objects without a name, or with a clearly better view, are looked at.
+        """
+        return self._pipeline.finish_names()
+
+    def name_by_hand(self, id: int, label: str | None) -> None:
+        """Gives an object a label that no namer replaces, or takes its label away with ``None``.
+
+        Raises ``ValueError`` if the label cannot be used.
+        """
+        self._pipeline.name_by_hand(id, label)
+
     def find(self, what: str | ArrayLike, top: int = 5) -> list[FoundObject]:
         """The named objects that are still there and fit best, at most ``top``.
 

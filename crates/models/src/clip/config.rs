@@ -22,7 +22,7 @@ const CONFIG_FILES: [&str; 2] = ["open_clip_config.json", "config.json"];
 
 /// Mean and standard deviation of the images that most CLIP networks were trained with.
 const OPENAI_NORMALISATION: [[f32; 3]; 2] =
-    [[0.481_454_66, 0.457_827_5, 0.408_210_73], [0.268_629_54, 0.261_302_58, 0.275_777_11]];
+    [[0.481_454_66, 0.457_827_5, 0.408_210_73], [0.268_629_54, 0.261_302_6, 0.275_777_1]];
 const HALVES: [[f32; 3]; 2] = [[0.5; 3], [0.5; 3]];
 
 /// Sizes of one transformer.

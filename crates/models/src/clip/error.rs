@@ -12,7 +12,7 @@ pub enum ClipError {
     #[error(transparent)]
     Checkpoint(#[from] CheckpointError),
     /// The file is not a `.safetensors` file.
-    #[error("{}: found a checkpoint of PyTorch, expected a .safetensors file (splatseg convert makes one)", .path.display())]
+    #[error("{}: found a checkpoint of PyTorch, expected a .safetensors file (splatseg inspect --convert makes one)", .path.display())]
     NotSafetensors {
         /// The file.
         path: PathBuf,

@@ -22,6 +22,7 @@ mod locate;
 mod map_changes;
 mod memory_helps;
 mod mesh;
+mod name;
 mod objects;
 mod output_folder;
 mod page_browser;

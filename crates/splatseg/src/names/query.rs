@@ -64,7 +64,8 @@ impl Query {
             let own_color = COLORS.iter().find(|(name, _)| *name == word).map(|(_, rgb)| *rgb);
             if word.is_empty() || FILLERS.contains(&word) {
                 continue;
-            } else if own_color.is_some() {
+            }
+            if own_color.is_some() {
                 color = color.or(own_color);
             } else if SMALL.contains(&word) {
                 size = size.or(Some(AskedSize::Small));

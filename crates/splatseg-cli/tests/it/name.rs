@@ -1,0 +1,84 @@
+//! `splatseg name`, and `find` with what it gives.
+
+use crate::support::{Ended, ROOM, finish, splatseg};
+use std::fs;
+use std::path::Path;
+
+/// Saves a map of the room, without names.
+fn save_map(folder: &Path) -> std::path::PathBuf {
+    let map = folder.join("map.ply");
+    let mut command = splatseg();
+    command.args(["run", ROOM, "--no-page"]).arg("--out").arg(folder.join("out")).arg("--save-memory").arg(&map);
+    assert_eq!(finish(&mut command).code, 0);
+    map
+}
+
+fn name(map: &Path, more: &[&str]) -> Ended {
+    finish(splatseg().arg("name").arg(map).args(more))
+}
+
+#[test]
+fn labels_are_given_by_hand_and_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = save_map(folder.path());
+    let ended = name(&map, &[]);
+    assert!(ended.code == 0 && ended.out.lines().all(|line| line.ends_with(" unknown")), "{}", ended.out);
+    let ids: Vec<&str> = ended.out.lines().filter_map(|line| line.split(' ').next()).collect();
+    let before = fs::read(&map).unwrap();
+
+    // By hand and from a file, to a file of its own.
+    let (labels, named) = (folder.path().join("labels.csv"), folder.path().join("named.ply"));
+    fs::write(&labels, format!("id,label\n{},\"arm chair\"\n", ids[1])).unwrap();
+    let mug = format!("{}=mug", ids[0]);
+    let ended = name(&map, &[&mug, "--labels", labels.to_str().unwrap(), "--out", named.to_str().unwrap()]);
+    assert!(ended.code == 0 && ended.out.contains(&format!("{} mug (by hand)", ids[0])), "{}{}", ended.out, ended.err);
+    assert!(fs::read(&map).unwrap() == before, "the map itself is not changed");
+    let found = finish(splatseg().arg("find").arg(&named).args(["coffee cup", "--json"]));
+    let json: serde_json::Value = serde_json::from_str(&found.out).unwrap();
+    assert_eq!((&json[0]["label"], json[0]["id"].to_string()), (&"mug".into(), ids[0].to_owned()), "{}", found.out);
+    assert!(json[0]["shape"]["oriented_box"].is_object() && json.as_array().unwrap().len() == 1, "{json}");
+
+    // In place; an empty label takes one away.
+    let ended = name(&named, &[&format!("{}=", ids[0])]);
+    assert!(ended.code == 0 && ended.out.contains(&format!("{} unknown", ids[0])), "{}", ended.out);
+    let found = finish(splatseg().arg("find").arg(&named).arg("mug"));
+    assert!(found.code == 0 && found.out.contains("the labels are arm chair"), "{}", found.out);
+}
+
+#[test]
+fn colours_and_sizes_need_no_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = save_map(folder.path());
+    let found = finish(splatseg().arg("find").arg(&map).args(["the largest one", "--top", "1"]));
+    assert!(found.code == 0 && found.out.contains("(size): "), "{}{}", found.out, found.err);
+    let found = finish(splatseg().arg("find").arg(&map).args(["the grey one", "--json"]));
+    assert!(found.code == 0 && found.out.starts_with('['), "{}{}", found.out, found.err);
+}
+
+#[test]
+fn wrong_input_is_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = save_map(folder.path());
+    let (labels, network) = (folder.path().join("labels.csv"), folder.path().join("network.safetensors"));
+    fs::write(&labels, "1,mug\nmug\n").unwrap();
+    fs::write(&network, [8, 0, 0, 0, 0, 0, 0, 0, b'{', b'}', b' ', b' ', b' ', b' ', b' ', b' ']).unwrap();
+    let (labels, network) = (labels.to_str().unwrap(), network.to_str().unwrap());
+    for (more, problem) in [
+        (&["9999=mug"][..], "no object 9999"),
+        (&["mug"], "found \"mug\""),
+        (&["--labels", labels], "line 2: found \"mug\""),
+        (&["--names", network], "expected a CLIP network"),
+        (&["--names", "nowhere.safetensors"], "nowhere.safetensors"),
+        (&["--names", network, "--min-score", "2"], "--min-score: found 2"),
+    ] {
+        let ended = name(&map, more);
+        assert!(ended.code == 2 && ended.err.contains(problem) && ended.err.lines().count() == 1, "{}", ended.err);
+    }
+    let mut run = splatseg();
+    run.args(["run", ROOM, "--out"]).arg(folder.path().join("new")).args(["--names", network]);
+    let ended = finish(&mut run);
+    assert!(ended.code == 2 && ended.err.contains("expected a CLIP network"), "{}", ended.err);
+    let mut run = splatseg();
+    run.args(["run", ROOM, "--out"]).arg(folder.path().join("new")).args(["--vocabulary", labels]);
+    assert!(finish(&mut run).err.contains("namer = clip"));
+}
