@@ -1,0 +1,454 @@
+//! Recordings of an Azure Kinect or an Orbbec Femto in Matroska (`.mkv`), as `k4arecorder`, `k4aviewer` and Open3D write them
+//! (<https://learn.microsoft.com/azure/kinect-dk/record-file-format>).
+//!
+//! The tracks COLOR, DEPTH, IR and IMU become topics of the same names, and their blocks images of ROS (`track.rs`). The
+//! attached calibration becomes camera infos and a transform (`calibration.rs`). So the rest is as for recordings of ROS.
+//!
+//! Elements are read one after the other, not by the index, which a file that was not closed has not. Of images only the
+//! first bytes are read.
+
+mod calibration;
+mod ebml;
+mod head;
+mod track;
+
+use super::chunked_files::{ChunkedFiles, MessageData};
+use super::container::{Channel, FoundMessage, RecordSink, max_message_bytes};
+use super::recorded_file::ScannedFile;
+use crate::files::open_file;
+use crate::ros_topics::contents::MessagePlace;
+use crate::{DatasetError, DatasetSettings};
+use calibration::Calibration;
+use ebml::{FileWindow, Header, id, unsigned, variable_number};
+use head::{Head, Role};
+use splatseg_ros::{CameraInfo, Message, TfMessage, to_cdr};
+use std::path::Path;
+use track::{Track, tracks_of};
+
+/// Maximum length of a part of the head. Calibrations have 10 kB.
+const MAX_PART_BYTES: u64 = 16 << 20;
+/// So much of the head is read to recognise a file.
+const RECOGNITION_BYTES: u64 = 1 << 20;
+/// Maximum length of a block's header: track, time and flags.
+const BLOCK_HEADER_BYTES: usize = 11;
+/// The first bytes of an image, which say whether it is a JPEG.
+const FIRST_BYTES: usize = 16;
+/// Bits of a block's flags that say that it has several frames.
+const LACING: u8 = 0b110;
+/// Numbers of the channels that are no tracks.
+const COLOR_INFO: u64 = u64::MAX;
+const DEPTH_INFO: u64 = u64::MAX - 1;
+const TRANSFORMS: u64 = u64::MAX - 2;
+/// Place of a message that is not in the file.
+const NOWHERE: MessagePlace = MessagePlace { chunk: None, offset: 0, len: 0 };
+
+/// A recording, for reading its images again.
+#[derive(Debug)]
+pub(super) struct Recording {
+    files: ChunkedFiles,
+    tracks: Vec<Track>,
+    /// What the file says about the camera.
+    pub(super) camera: Option<String>,
+    /// Why there is no calibration.
+    no_calibration: Option<String>,
+}
+
+impl Recording {
+    /// Creates a recording without tracks. `path` is named in errors.
+    pub(super) fn new(path: &Path) -> Self {
+        let no_calibration = Some("none".to_owned());
+        Self { files: ChunkedFiles::new(path), tracks: Vec::new(), camera: None, no_calibration }
+    }
+
+    /// Reads an image.
+    ///
+    /// # Errors
+    /// If the file cannot be read.
+    pub(super) fn read(&self, place: MessagePlace) -> Result<MessageData, DatasetError> {
+        let stored = self.files.read(MessagePlace { chunk: None, ..place })?;
+        let track = place.chunk.and_then(|index| self.tracks.get(index as usize));
+        // Its time is known already.
+        let message = track.and_then(|track| track.message(0, &stored).ok());
+        Ok(message.unwrap_or_default().into())
+    }
+
+    /// Checks that there are colour, depth, and the calibration, as far as the settings do not replace them.
+    ///
+    /// # Errors
+    /// [`DatasetError::Field`] says what is missing.
+    pub(super) fn require_images(&self, path: &Path, settings: &DatasetSettings) -> Result<(), DatasetError> {
+        let error = |field: &str, found: String, expected: &str| {
+            Err(DatasetError::Field { path: path.to_owned(), field: field.to_owned(), found, expected: expected.to_owned() })
+        };
+        let has = |role: Role| self.tracks.iter().any(|track| track.role == role && track.is_read());
+        let tracks: Vec<String> = self.tracks.iter().map(Track::text).collect();
+        let found = if tracks.is_empty() { "none".to_owned() } else { tracks.join(", ") };
+        if settings.depth.is_none() && !has(Role::Depth) {
+            return error("tracks", found, "DEPTH with 16 bits (b16g): PASSIVE_IR and OFF are no modes with depth");
+        }
+        if settings.color.is_none() && !has(Role::Color) {
+            return error("tracks", found, "COLOR as MJPG, NV12, YUY2 or BGRA");
+        }
+        match &self.no_calibration {
+            Some(found) if settings.fx.is_none() => error(
+                "attachment calibration.json",
+                found.clone(),
+                "the calibration that k4arecorder attaches; --fx with --register-depth false reads depth that is registered \
+                 to colour already",
+            ),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Returns true if a file is such a recording, by its content.
+pub(crate) fn is_recording(path: &Path) -> bool {
+    let Ok(file) = open_file(path) else { return false };
+    let Ok(bytes) = file.metadata().map(|metadata| metadata.len()) else { return false };
+    let mut window = FileWindow::new(file, bytes);
+    if !matches!(window.header(0), Ok(Some(Header { id: id::EBML, .. }))) {
+        return false;
+    }
+    let mut head = Head::default();
+    let read = window.read(0, RECOGNITION_BYTES).unwrap_or_default();
+    add_parts(&read, &mut head);
+    head.is_kinect()
+}
+
+/// Adds the parts of the head that are whole in the first bytes of a file.
+fn add_parts(mut bytes: &[u8], head: &mut Head) {
+    while let Some(header) = Header::parse(bytes).filter(|header| header.id != id::CLUSTER) {
+        bytes = bytes.get(header.length..).unwrap_or_default();
+        if header.id == id::SEGMENT {
+            continue;
+        }
+        let size = header.size.and_then(|size| usize::try_from(size).ok());
+        let Some((data, rest)) = size.and_then(|size| bytes.split_at_checked(size)) else { return };
+        head.add(header.id, data);
+        bytes = rest;
+    }
+}
+
+/// Reads a file: its tracks, and the places and times of their blocks. Skips damaged parts.
+///
+/// # Errors
+/// If the file cannot be read, is not Matroska, or the sink fails.
+pub(super) fn scan(
+    file: &mut ScannedFile<'_>,
+    recording: &mut Recording,
+    sink: &mut dyn RecordSink,
+) -> Result<(), DatasetError> {
+    let window = FileWindow::new(file.reader()?, file.bytes);
+    let mut scan = Scan {
+        file,
+        window,
+        sink,
+        recording,
+        head: Head::default(),
+        segment_start: 0,
+        is_declared: false,
+        has_cameras: false,
+        cluster: Cluster::default(),
+        damaged: 0,
+    };
+    scan.read_all()?;
+    if scan.damaged > 1 {
+        let line = format!("{}: {} more parts are damaged", scan.file.path.display(), scan.damaged - 1);
+        scan.file.damage.push(line);
+    }
+    let reader = crate::files::RandomAccessFile::new(scan.file.reader()?);
+    let start = scan.file.start;
+    scan.recording.files.add_file(start, reader);
+    Ok(())
+}
+
+/// The cluster whose blocks are read.
+#[derive(Clone, Copy, Debug, Default)]
+struct Cluster {
+    /// Time, nanoseconds.
+    time: i64,
+    /// Where it ends, if it says so.
+    end: Option<u64>,
+}
+
+/// State while reading a file.
+struct Scan<'a, 'f> {
+    file: &'a mut ScannedFile<'f>,
+    window: FileWindow,
+    sink: &'a mut dyn RecordSink,
+    recording: &'a mut Recording,
+    head: Head,
+    /// Offset of the segment's data, from which the offsets in the file count.
+    segment_start: u64,
+    /// True once the tracks have been passed on.
+    is_declared: bool,
+    /// True once the cameras have been.
+    has_cameras: bool,
+    cluster: Cluster,
+    damaged: usize,
+}
+
+impl Scan<'_, '_> {
+    fn io_error(&self, source: std::io::Error) -> DatasetError {
+        DatasetError::Io { path: self.file.path.to_owned(), source }
+    }
+
+    fn header(&mut self, at: u64) -> Result<Option<Header>, DatasetError> {
+        self.window.header(at).map_err(|source| DatasetError::Io { path: self.file.path.to_owned(), source })
+    }
+
+    /// Notes a damaged part.
+    fn report(&mut self, what: &str) {
+        if self.damaged == 0 {
+            self.file.damage.push(format!("{}: {what}", self.file.path.display()));
+        }
+        self.damaged += 1;
+    }
+
+    fn read_all(&mut self) -> Result<(), DatasetError> {
+        let mut at = self.enter_segment()?;
+        self.segment_start = at;
+        while at < self.window.bytes {
+            at = match self.read_element(at)? {
+                Some(next) => next,
+                None => match self.next_cluster(at)? {
+                    Some(next) => next,
+                    None => break,
+                },
+            };
+        }
+        self.declare()
+    }
+
+    /// Returns where the data of the segment begin.
+    fn enter_segment(&mut self) -> Result<u64, DatasetError> {
+        let start = self.window.peek(0, FIRST_BYTES).map(<[u8]>::to_vec).map_err(|source| self.io_error(source))?;
+        let found = if start.is_empty() { "an empty file".to_owned() } else { format!("\"{}\"", start.escape_ascii()) };
+        let error = |found: String| DatasetError::Field {
+            path: self.file.path.to_owned(),
+            field: "first bytes".to_owned(),
+            found,
+            expected: "\"\\x1aE\\xdf\\xa3\", the start of every file in Matroska".to_owned(),
+        };
+        if Header::parse(&start).is_none_or(|header| header.id != id::EBML) {
+            return Err(error(found));
+        }
+        let error = error(format!("{found}, without a segment"));
+        let mut at = 0;
+        while let Some(header) = self.header(at)? {
+            let data = at + header.length as u64;
+            match header {
+                Header { id: id::SEGMENT, .. } => return Ok(data),
+                Header { size: Some(size), .. } => at = data.saturating_add(size),
+                Header { size: None, .. } => break,
+            }
+        }
+        Err(error)
+    }
+
+    /// Reads the element at an offset. Returns where the next one begins, inside it or after it; `None` if it is damaged.
+    fn read_element(&mut self, at: u64) -> Result<Option<u64>, DatasetError> {
+        let Some(header) = self.header(at)? else { return Ok(None) };
+        let data = at + header.length as u64;
+        if header.id == id::CLUSTER {
+            self.declare()?;
+            self.cluster = Cluster { time: 0, end: header.size.map(|size| data.saturating_add(size)) };
+            return Ok(Some(data));
+        }
+        let Some(size) = header.size else { return Ok(None) };
+        let end = data.saturating_add(size);
+        if end > self.window.bytes || self.cluster.end.is_some_and(|last| at < last && end > last) {
+            return Ok(None);
+        }
+        match header.id {
+            // Its blocks are read like those outside.
+            id::BLOCK_GROUP => return Ok(Some(data)),
+            id::TIMESTAMP => {
+                let bytes = self.window.peek(data, size.min(9) as usize).map_err(|source| {
+                    DatasetError::Io { path: self.file.path.to_owned(), source }
+                })?;
+                let Some(time) = unsigned(bytes) else { return Ok(None) };
+                let time = i64::try_from(time).unwrap_or(i64::MAX);
+                self.cluster.time = time.saturating_mul(self.head.timestamp_scale());
+            }
+            id::SIMPLE_BLOCK | id::BLOCK => self.read_block(data, size)?,
+            part if Head::has_part(part) => self.read_part(part, data, size)?,
+            _ => {}
+        }
+        Ok(Some(end))
+    }
+
+    /// Returns where reading goes on after a damaged element at an offset: at the next cluster. `None` if there is none.
+    fn next_cluster(&mut self, at: u64) -> Result<Option<u64>, DatasetError> {
+        let after = self.cluster.end.filter(|end| *end > at);
+        self.cluster = Cluster::default();
+        let is_cluster = |header: Option<Header>| header.is_some_and(|header| header.id == id::CLUSTER);
+        if let Some(end) = after
+            && is_cluster(self.header(end)?)
+        {
+            self.report(&format!("the cluster is damaged at byte {at}: reading goes on with the next one, at byte {end}"));
+            return Ok(Some(end));
+        }
+        let found = self.window.find(id::CLUSTER, at + 1).map_err(|source| self.io_error(source))?;
+        match found {
+            Some(next) => {
+                self.report(&format!("it is damaged at byte {at}: reading goes on with the cluster at byte {next}"));
+            }
+            None => {
+                let bytes = self.window.bytes;
+                self.report(&format!(
+                    "the recording was not finished, or is damaged: it is read up to byte {at} of {bytes}"
+                ));
+            }
+        }
+        Ok(found)
+    }
+
+    /// Reads a part of the head.
+    fn read_part(&mut self, part: u32, data: u64, size: u64) -> Result<(), DatasetError> {
+        if size > MAX_PART_BYTES {
+            let limit = splatseg_files::display_bytes(MAX_PART_BYTES);
+            self.report(&format!("the part of the head at byte {data} has {size} bytes, more than {limit}: it is left out"));
+            return Ok(());
+        }
+        let bytes = self.window.read(data, size).map_err(|source| self.io_error(source))?;
+        self.head.add(part, &bytes);
+        // The calibration may come last.
+        if self.is_declared { self.declare_cameras() } else { Ok(()) }
+    }
+
+    /// Reads the parts of the head that come later, as far as the file says where they are. Then passes the tracks on.
+    fn declare(&mut self) -> Result<(), DatasetError> {
+        if self.is_declared {
+            return Ok(());
+        }
+        for (part, offset) in self.head.missing_parts() {
+            let at = self.segment_start.saturating_add(offset);
+            let header = self.header(at)?.filter(|header| header.id == part);
+            let Some((length, size)) = header.and_then(|header| Some((header.length as u64, header.size?))) else { continue };
+            // One that is cut off is reported where it is.
+            if at.saturating_add(length).saturating_add(size) <= self.window.bytes {
+                self.read_part(part, at + length, size)?;
+            }
+        }
+        self.is_declared = true;
+        self.recording.camera = self.head.camera();
+        self.recording.tracks = tracks_of(&self.head);
+        for track in &self.recording.tracks {
+            let (topic, encoding) = (&track.topic, track.encoding());
+            self.sink.channel(&Channel { id: track.number, topic, type_name: track.type_name(), encoding })?;
+        }
+        self.declare_cameras()
+    }
+
+    /// Passes the cameras on, once the calibration has been read.
+    fn declare_cameras(&mut self) -> Result<(), DatasetError> {
+        let Some(Some(bytes)) = self.head.calibration.as_ref().filter(|_| !self.has_cameras) else { return Ok(()) };
+        self.has_cameras = true;
+        match cameras(bytes, &self.recording.tracks) {
+            Ok((infos, transforms)) => {
+                self.recording.no_calibration = None;
+                for (channel, topic, info) in infos {
+                    self.send(channel, &topic, CameraInfo::INTERFACE.name, to_cdr(&info))?;
+                }
+                self.send(TRANSFORMS, "/tf_static", TfMessage::INTERFACE.name, to_cdr(&transforms))
+            }
+            Err(what) => {
+                self.report(&format!("calibration.json: {what}"));
+                self.recording.no_calibration = Some(format!("one that cannot be used: {what}"));
+                Ok(())
+            }
+        }
+    }
+
+    /// Passes on a topic with one message.
+    fn send(
+        &mut self,
+        channel: u64,
+        topic: &str,
+        type_name: &str,
+        data: Result<Vec<u8>, splatseg_ros::CdrError>,
+    ) -> Result<(), DatasetError> {
+        self.sink.channel(&Channel { id: channel, topic, type_name, encoding: "cdr" })?;
+        let data = data.map_err(|error| error.to_string());
+        let data = data.as_ref().map(Vec::as_slice).map_err(String::as_str);
+        self.sink.message(&FoundMessage { channel, log_time: 0, place: NOWHERE, data })
+    }
+
+    /// Reads the header of the block with the given data.
+    fn read_block(&mut self, data: u64, size: u64) -> Result<(), DatasetError> {
+        let path = self.file.path;
+        let start = self.window.peek(data, size.min((BLOCK_HEADER_BYTES + FIRST_BYTES) as u64) as usize);
+        let start = start.map_err(|source| DatasetError::Io { path: path.to_owned(), source })?;
+        let Some((number, time, flags, length)) = block_header(start) else {
+            self.report(&format!("the block at byte {data} is damaged"));
+            return Ok(());
+        };
+        let first = start.get(length..).unwrap_or_default().to_vec();
+        let Some(index) = self.recording.tracks.iter().position(|track| track.number == number) else {
+            self.report(&format!("the block at byte {data} belongs to no track"));
+            return Ok(());
+        };
+        let time = self.cluster.time.saturating_add(i64::from(time).saturating_mul(self.head.timestamp_scale())).max(0);
+        let len = size - length as u64;
+        let offset = self.file.start.saturating_add(data + length as u64);
+        let place = MessagePlace { chunk: u32::try_from(index).ok(), offset, len };
+        let image = self.image(index, (time, flags), (data + length as u64, len), first)?;
+        let data = image.as_ref().map(Vec::as_slice).map_err(String::as_str);
+        self.sink.message(&FoundMessage { channel: number, log_time: time.unsigned_abs(), place, data })
+    }
+
+    /// Returns the message of a block, or why it is not read; nothing for tracks that are not read. Its data begin at an offset,
+    /// with `first`.
+    fn image(
+        &mut self,
+        index: usize,
+        (time, flags): (i64, u8),
+        (at, len): (u64, u64),
+        first: Vec<u8>,
+    ) -> Result<Result<Vec<u8>, String>, DatasetError> {
+        let Some(track) = self.recording.tracks.get(index).filter(|track| track.is_read()) else {
+            return Ok(Ok(Vec::new()));
+        };
+        if flags & LACING != 0 {
+            return Ok(Err("several images in one block (lacing)".to_owned()));
+        }
+        if len > max_message_bytes() {
+            return Ok(Err(format!("an image of {len} bytes, which is too long to be read")));
+        }
+        let delay = if matches!(track.role, Role::Depth | Role::Infrared) { self.head.depth_delay() } else { 0 };
+        // A stamp of 0 would mean that there is none.
+        let stamp = Some(time.saturating_sub(delay)).filter(|stamp| *stamp != 0).unwrap_or(1);
+        let data = if self.sink.needs_images() {
+            self.window.read(at, len).map_err(|source| DatasetError::Io { path: self.file.path.to_owned(), source })?
+        } else {
+            first
+        };
+        Ok(track.message(stamp, &data).map_err(|error| error.to_string()))
+    }
+}
+
+/// Parses the header of a block: number of its track, time after that of the cluster, flags, and the length of all that.
+fn block_header(bytes: &[u8]) -> Option<(u64, i16, u8, usize)> {
+    let (number, length) = variable_number(bytes)?;
+    let &[high, low, flags] = bytes.get(length..)?.first_chunk()?;
+    Some((number?, i16::from_be_bytes([high, low]), flags, length + 3))
+}
+
+/// A channel, its topic, and the camera info that it gives.
+type InfoChannel = (u64, String, CameraInfo);
+
+/// Returns the camera infos of the tracks and the transform between their cameras.
+fn cameras(bytes: &[u8], tracks: &[Track]) -> Result<(Vec<InfoChannel>, TfMessage), String> {
+    let calibration = Calibration::parse(bytes)?;
+    let mut infos = Vec::new();
+    for track in tracks {
+        let (channel, info) = match track.role {
+            Role::Color => (COLOR_INFO, calibration.color_info(track.size, &track.frame)?),
+            Role::Depth => (DEPTH_INFO, calibration.depth_info(track.size, &track.frame)?),
+            Role::Infrared | Role::Other => continue,
+        };
+        infos.push((channel, format!("{}/camera_info", track.topic), info));
+    }
+    Ok((infos, calibration.depth_from_color("DEPTH", "COLOR")?))
+}
