@@ -4,9 +4,10 @@
     pip install av==18.1.0 numpy opencv-python-headless     # in a virtual environment; needs mkvmerge (mkvtoolnix)
     python tools/make_kinect_test_data.py crates/dataset/tests/data/recordings
 
-    kinect_nfov.mkv    narrow depth and 16:9 colour, by mkvmerge: codecs, tags and attachment as k4arecorder writes them, with
-                       the library that it uses
-    kinect_wfov.mkv    wide depth and 4:3 colour, by ffmpeg's library, as after `ffmpeg -c copy`
+    kinect_nfov.mkv    narrow depth, 16:9 colour as JPEG, and infrared
+    kinect_wfov.mkv    wide depth, and 4:3 colour as NV12
+
+mkvmerge writes them with the library that k4arecorder uses, with the same codecs, tags and attachment.
 
 With `--scene SCENE` it writes a scene in the layout of ScanNet, or of this project's folders, as SCENE.mkv instead: its colour
 and depth as the two cameras of a Kinect would see them from one place, at a quarter of the pixels of the usual modes.
@@ -19,7 +20,6 @@ import argparse
 import json
 import subprocess
 import tempfile
-from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -175,7 +175,7 @@ def write_avi(path, size, four_cc, images):
     with av.open(str(path), "w") as container:
         stream = container.add_stream("mjpeg" if four_cc == "MJPG" else "rawvideo", rate=30)
         stream.width, stream.height = size
-        stream.pix_fmt = "yuvj420p" if four_cc == "MJPG" else "gray16be"
+        stream.pix_fmt = {"MJPG": "yuvj420p", "NV12": "nv12", "b16g": "gray16be"}[four_cc]
         stream.codec_context.codec_tag = four_cc
         for number, data in enumerate(images):
             packet = av.Packet(data)
@@ -194,7 +194,9 @@ def write_with_mkvmerge(path, tracks, tags):
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         (folder / "calibration.json").write_bytes(calibration())
-        simple = "".join(f"<Simple><Name>{name}</Name><String>{value}</String></Simple>" for name, value in tags.items())
+        simple = "".join(
+            f"<Simple><Name>{name}</Name><String>{value}</String></Simple>" for name, value in tags.items()
+        )
         (folder / "tags.xml").write_text(f"<Tags><Tag>{simple}</Tag></Tags>")
         command = ["mkvmerge", "--quiet", "--deterministic", "kinect", "--output", str(path)]
         command += ["--timestamp-scale", "1000", "--cluster-length", "3", "--disable-track-statistics-tags"]
@@ -208,27 +210,6 @@ def write_with_mkvmerge(path, tracks, tags):
             (folder / f"{name}.txt").write_text(f"# timestamp format v2\n{times}\n")
             command += ["--timestamps", f"0:{folder}/{name}.txt", "--track-name", f"0:{name}", f"{folder}/{name}.avi"]
         subprocess.run(command, check=True)
-
-
-def write_with_ffmpeg(path, tracks, tags):
-    with av.open(str(path), "w", options={"fflags": "+bitexact"}) as container:
-        container.metadata.update(tags)
-        streams = []
-        for name, size, four_cc, images, start in tracks:
-            stream = container.add_stream("mjpeg" if four_cc == "MJPG" else "rawvideo", rate=30)
-            stream.width, stream.height = size
-            stream.pix_fmt = {"MJPG": "yuvj420p", "b16g": "gray16be", "NV12": "nv12", "YUY2": "yuyv422"}[four_cc]
-            stream.codec_context.codec_tag = four_cc
-            stream.metadata["title"] = name
-            streams.append((stream, start, list(images)))
-        container.add_attachment("calibration.json", "application/octet-stream", calibration())
-        for number in range(len(streams[0][2])):
-            for stream, start, images in streams:
-                packet = av.Packet(images[number])
-                packet.stream, packet.time_base = stream, Fraction(1, 10**9)
-                packet.pts = packet.dts = start + FRAME_NS * number
-                packet.is_keyframe = True
-                container.mux(packet)
 
 
 def nv12(image):
@@ -255,7 +236,7 @@ def write_tests(folder):
         ("DEPTH", size, "b16g", [depth.astype(">u2").tobytes() for _, depth in pairs], 0),
     ]
     tags = TAGS | {"K4A_COLOR_MODE": "NV12_1536P", "K4A_DEPTH_MODE": "WFOV_UNBINNED", "K4A_DEPTH_DELAY_NS": "0"}
-    write_with_ffmpeg(folder / "kinect_wfov.mkv", tracks, tags)
+    write_with_mkvmerge(folder / "kinect_wfov.mkv", tracks, tags)
 
 
 def scene_files(scene):

@@ -8,6 +8,7 @@ mod depth_files;
 mod depth_scale;
 mod folder;
 mod folder_corrections;
+mod kinect;
 mod live;
 mod live_disorder;
 mod mcap;

@@ -1,7 +1,7 @@
 //! The calibration of an Azure Kinect, `calibration.json`, as ROS's camera infos and the transform between the cameras.
 //!
 //! It describes the whole sensors, each camera with 14 parameters: cx, cy, fx, fy in widths and heights of the sensor's image,
-//! with the corner of the first pixel at 0; k1 to k6; the centre of distortion, which this model of the lens has not; p2, p1.
+//! with the corner of the first pixel at 0; k1 to k6; the centre of distortion, which is not used; p2, p1.
 //! `Rt` transforms points to the camera, metres. The modes crop the sensor's image and reduce it:
 //!
 //! - Depth has 1024x1024 pixels. WFOV is all of it; NFOV are 640x576 from column 192 and row 180. "2x2 binned" has half the
@@ -12,8 +12,10 @@ use glam::{DMat3, DQuat, DVec3};
 use serde::Deserialize;
 use splatseg_ros::{CameraInfo, Header, Quaternion, TfMessage, Transform, TransformStamped, Vector3};
 
-/// The only model of the lens of devices that were sold.
+/// Models of the lens: that of all devices that were sold, and that of early ones. The latter halves two of the four terms with
+/// p1 and p2, which is less than a quarter of a pixel, and may have a centre of distortion.
 const MODEL: &str = "CALIBRATION_LensDistortionModelBrownConrady";
+const EARLY_MODEL: &str = "CALIBRATION_LensDistortionModelRational6KT";
 const DEPTH_LOCATION: &str = "CALIBRATION_CameraLocationD0";
 const COLOR_LOCATION: &str = "CALIBRATION_CameraLocationPV0";
 /// Side of the depth camera's sensor, pixels.
@@ -113,7 +115,7 @@ impl Calibration {
     /// Description of what is wrong.
     pub(super) fn color_info(&self, size: (u64, u64), frame: &str) -> Result<CameraInfo, String> {
         let (width, height) = (self.color.sensor_width, self.color.sensor_height);
-        let is = |across: u64, down: u64| width > 0 && width.checked_mul(down) == height.checked_mul(across);
+        let is = |across, down| has_ratio((width, height), (across, down));
         let mut camera = self.color.clone();
         match camera.intrinsics.model_parameters.as_mut_slice() {
             [_, cy, _, fy, ..] if is(16, 9) => {
@@ -128,22 +130,22 @@ impl Calibration {
         camera.info(crop, size, frame)
     }
 
-    /// Returns the pose of the colour camera in the frame of the depth camera.
+    /// Returns the pose of the depth camera in the frame of the colour camera.
     ///
     /// # Errors
     /// Description of what is wrong.
-    pub(super) fn depth_from_color(&self, depth_frame: &str, color_frame: &str) -> Result<TfMessage, String> {
+    pub(super) fn color_from_depth(&self, color_frame: &str, depth_frame: &str) -> Result<TfMessage, String> {
         let (depth, color) = (self.depth.rt.parts()?, self.color.rt.parts()?);
         // x_camera = R x + t for both cameras.
-        let turn = (depth.0 * color.0.conjugate()).normalize();
-        let shift = depth.1 - turn * color.1;
+        let turn = (color.0 * depth.0.conjugate()).normalize();
+        let shift = color.1 - turn * depth.1;
         let [x, y, z, w] = turn.to_array();
         let transform = Transform {
             translation: Vector3 { x: shift.x, y: shift.y, z: shift.z },
             rotation: Quaternion { x, y, z, w },
         };
-        let header = Header { frame_id: depth_frame.to_owned(), ..Header::default() };
-        let stamped = TransformStamped { header, child_frame_id: color_frame.to_owned(), transform };
+        let header = Header { frame_id: color_frame.to_owned(), ..Header::default() };
+        let stamped = TransformStamped { header, child_frame_id: depth_frame.to_owned(), transform };
         Ok(TfMessage { transforms: vec![stamped] })
     }
 }
@@ -165,15 +167,18 @@ impl Extrinsics {
 impl Camera {
     /// Returns the camera info of images of a size, `(width, height)`, that are a part of the sensor's image.
     fn info(&self, crop: Crop, size: (u64, u64), frame: &str) -> Result<CameraInfo, String> {
-        if self.intrinsics.model_type != MODEL {
+        if ![MODEL, EARLY_MODEL].contains(&self.intrinsics.model_type.as_str()) {
             let found: String = self.intrinsics.model_type.chars().take(80).collect();
             return Err(format!("ModelType: found {found:?}, expected {MODEL:?}"));
         }
-        let &[cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, _, _, p2, p1, ..] = self.intrinsics.model_parameters.as_slice()
+        let &[cx, cy, fx, fy, k1, k2, k3, k4, k5, k6, x, y, p2, p1, ..] = self.intrinsics.model_parameters.as_slice()
         else {
             let found = self.intrinsics.model_parameters.len();
             return Err(format!("ModelParameters: found {found} numbers, expected 14"));
         };
+        if self.intrinsics.model_type == EARLY_MODEL && (x, y) != (0.0, 0.0) {
+            return Err(format!("ModelParameters: found the centre of distortion ({x}, {y}), expected (0, 0)"));
+        }
         let (fx, fy) = (fx * crop.sensor.0, fy * crop.sensor.1);
         let (cx, cy) = (cx * crop.sensor.0 - crop.start.0 - 0.5, cy * crop.sensor.1 - crop.start.1 - 0.5);
         let side = |side: u64| u32::try_from(side).map_err(|_| format!("images are {side} pixels wide or high"));
@@ -191,22 +196,30 @@ impl Camera {
 }
 
 /// Returns the mode of depth images of a size, `(width, height)`, also of ones that were made smaller afterwards.
-fn depth_crop((width, height): (u64, u64)) -> Option<Crop> {
-    let is = |across: u64, down: u64| width > 0 && width.checked_mul(down) == height.checked_mul(across);
-    let (share, start) = match () {
-        () if is(NARROW.0, NARROW.1) => (width as f64 / NARROW.0 as f64, NARROW_START),
-        () if is(DEPTH_SENSOR, DEPTH_SENSOR) => (width as f64 / DEPTH_SENSOR as f64, (0.0, 0.0)),
-        () => return None,
+fn depth_crop(size: (u64, u64)) -> Option<Crop> {
+    let width = size.0 as f64;
+    let (share, start) = if has_ratio(size, NARROW) {
+        (width / NARROW.0 as f64, NARROW_START)
+    } else if has_ratio(size, (1, 1)) {
+        (width / DEPTH_SENSOR as f64, (0.0, 0.0))
+    } else {
+        return None;
     };
     let side = DEPTH_SENSOR as f64 * share;
     Some(Crop { sensor: (side, side), start: (start.0 * share, start.1 * share) })
 }
 
 /// Returns the mode of colour images of a size, `(width, height)`, also of ones that were made smaller afterwards.
-fn color_crop((width, height): (u64, u64)) -> Option<Crop> {
-    let is = |across: u64, down: u64| width > 0 && width.checked_mul(down) == height.checked_mul(across);
-    let sensor = (width as f64, width as f64 * 0.75);
-    (is(4, 3) || is(16, 9)).then_some(Crop { sensor, start: (0.0, (sensor.1 - height as f64) / 2.0) })
+fn color_crop(size: (u64, u64)) -> Option<Crop> {
+    let (width, height) = (size.0 as f64, size.1 as f64);
+    let is_known = has_ratio(size, (4, 3)) || has_ratio(size, (16, 9));
+    let sensor = (width, width * 0.75);
+    is_known.then_some(Crop { sensor, start: (0.0, (sensor.1 - height) / 2.0) })
+}
+
+/// Returns true if a size, `(width, height)`, has a ratio.
+fn has_ratio((width, height): (u64, u64), (across, down): (u64, u64)) -> bool {
+    width > 0 && u128::from(width) * u128::from(down) == u128::from(height) * u128::from(across)
 }
 
 #[cfg(test)]
@@ -288,7 +301,7 @@ mod tests {
         let calibration = Calibration::parse(&file((4096, 3072), &[0.5; 14])).unwrap();
         assert!(calibration.depth_info((640, 480), "DEPTH").unwrap_err().contains("640x480"));
         let turned = String::from_utf8(file((4096, 3072), &[0.5; 14])).unwrap().replace("[1,0,0", "[2,0,0");
-        let turned = Calibration::parse(turned.as_bytes()).unwrap().depth_from_color("DEPTH", "COLOR").unwrap_err();
+        let turned = Calibration::parse(turned.as_bytes()).unwrap().color_from_depth("COLOR", "DEPTH").unwrap_err();
         assert!(turned.contains("expected a rotation"), "{turned}");
     }
 }

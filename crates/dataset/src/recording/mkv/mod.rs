@@ -23,7 +23,7 @@ use ebml::{FileWindow, Header, id, unsigned, variable_number};
 use head::{Head, Role};
 use splatseg_ros::{CameraInfo, Message, TfMessage, to_cdr};
 use std::path::Path;
-use track::{Track, tracks_of};
+use track::{Content, Track, tracks_of};
 
 /// Maximum length of a part of the head. Calibrations have 10 kB.
 const MAX_PART_BYTES: u64 = 16 << 20;
@@ -33,6 +33,9 @@ const RECOGNITION_BYTES: u64 = 1 << 20;
 const BLOCK_HEADER_BYTES: usize = 11;
 /// The first bytes of an image, which say whether it is a JPEG.
 const FIRST_BYTES: usize = 16;
+/// So many images of a track are read further, up to so many bytes: as far as their size is stated.
+const SIZED_IMAGES: usize = 8;
+const SIZED_BYTES: u64 = 1 << 16;
 /// Bits of a block's flags that say that it has several frames.
 const LACING: u8 = 0b110;
 /// Numbers of the channels that are no tracks.
@@ -149,6 +152,7 @@ pub(super) fn scan(
         is_declared: false,
         has_cameras: false,
         cluster: Cluster::default(),
+        images: Vec::new(),
         damaged: 0,
     };
     scan.read_all()?;
@@ -185,6 +189,8 @@ struct Scan<'a, 'f> {
     /// True once the cameras have been.
     has_cameras: bool,
     cluster: Cluster,
+    /// Number of images of each track so far, at most [`SIZED_IMAGES`].
+    images: Vec<usize>,
     damaged: usize,
 }
 
@@ -334,6 +340,7 @@ impl Scan<'_, '_> {
         self.is_declared = true;
         self.recording.camera = self.head.camera();
         self.recording.tracks = tracks_of(&self.head);
+        self.images = vec![0; self.recording.tracks.len()];
         for track in &self.recording.tracks {
             let (topic, encoding) = (&track.topic, track.encoding());
             self.sink.channel(&Channel { id: track.number, topic, type_name: track.type_name(), encoding })?;
@@ -419,8 +426,17 @@ impl Scan<'_, '_> {
         let delay = if matches!(track.role, Role::Depth | Role::Infrared) { self.head.depth_delay() } else { 0 };
         // A stamp of 0 would mean that there is none.
         let stamp = Some(time.saturating_sub(delay)).filter(|stamp| *stamp != 0).unwrap_or(1);
-        let data = if self.sink.needs_images() {
-            self.window.read(at, len).map_err(|source| DatasetError::Io { path: self.file.path.to_owned(), source })?
+        let seen = self.images.get_mut(index).filter(|seen| **seen < SIZED_IMAGES && track.content == Content::Jpeg);
+        let needed = match (self.sink.needs_images(), seen) {
+            (true, _) => len,
+            (false, Some(seen)) => {
+                *seen += 1;
+                len.min(SIZED_BYTES)
+            }
+            (false, None) => 0,
+        };
+        let data = if needed > first.len() as u64 {
+            self.window.read(at, needed).map_err(|source| DatasetError::Io { path: self.file.path.to_owned(), source })?
         } else {
             first
         };
@@ -450,5 +466,5 @@ fn cameras(bytes: &[u8], tracks: &[Track]) -> Result<(Vec<InfoChannel>, TfMessag
         };
         infos.push((channel, format!("{}/camera_info", track.topic), info));
     }
-    Ok((infos, calibration.depth_from_color("DEPTH", "COLOR")?))
+    Ok((infos, calibration.color_from_depth("COLOR", "DEPTH")?))
 }
