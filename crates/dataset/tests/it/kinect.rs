@@ -98,6 +98,9 @@ struct Difference {
     covered: f64,
 }
 
+/// Width of the border at which colour may lie outside the lens's view, pixels.
+const MARGIN: usize = 6;
+
 fn difference(frame: &CameraFrame<'_>, number: usize) -> Difference {
     let (rotation, translation) = color_from_depth();
     let (to_depth, camera) = (rotation.transpose(), frame.intrinsics());
@@ -117,10 +120,9 @@ fn difference(frame: &CameraFrame<'_>, number: usize) -> Difference {
         }
         let (_, distance) = seen(x, y);
         let pixel = frame.color()[(column, row)];
-        // Black is outside the lens's view; next to it, colour is mixed with it.
-        let inner = |at: usize, side: usize| at.saturating_sub(2)..(at + 3).min(side);
-        let mut near = inner(row, frame.height()).flat_map(|row| inner(column, frame.width()).map(move |c| (c, row)));
-        if near.all(|at| frame.color()[at] != [0; 3]) {
+        // Black is outside the lens's view, and colour next to it is mixed with it.
+        let is_inner = |at: usize, side: usize| (MARGIN..side - MARGIN).contains(&at);
+        if is_inner(column, frame.width()) && is_inner(row, frame.height()) {
             let expected = color_of(origin + to_depth * ray(x, y) * distance);
             color.extend(pixel.iter().zip(expected).map(|(found, expected)| f64::from(*found) - expected));
         }
@@ -142,13 +144,13 @@ fn difference(frame: &CameraFrame<'_>, number: usize) -> Difference {
 
 #[test]
 fn colour_and_depth_of_a_recording_are_where_they_were_rendered() {
-    // A pixel is 3.5 cm of the wall, whose colour changes by up to 10 there; JPEG and NV12 blur that.
-    for (name, count, size, coverage) in
-        [("kinect_nfov.mkv", 3, (160, 90), 0.55), ("kinect_wfov.mkv", 3, (80, 60), 0.9)]
+    // Colour changes by up to 10 and 20 from pixel to pixel, and JPEG and NV12 blur that. A pixel is 3.5 and 7 cm of the wall.
+    for (name, size, coverage, largest) in
+        [("kinect_nfov.mkv", (160, 90), 0.55, (16.0, 0.05)), ("kinect_wfov.mkv", (80, 60), 0.9, (24.0, 0.1))]
     {
         let found = two_ways::read_path(&data(name), &DatasetSettings::default()).unwrap();
         assert_eq!(found.warnings, [""; 0], "{name}");
-        assert_eq!(found.frames.len(), count, "{name}");
+        assert_eq!(found.frames.len(), 3, "{name}");
         assert!(found.sources[1].ends_with("camera /DEPTH/camera_info, registered to colour here"), "{:?}", found.sources);
         let scene = open_scene(data(name), &DatasetSettings::default()).unwrap();
         assert_eq!((scene.format(), scene.has_poses()), (Some(Format::Mkv), false), "{name}");
@@ -156,8 +158,8 @@ fn colour_and_depth_of_a_recording_are_where_they_were_rendered() {
         for (number, (frame, pose)) in found.frames.iter().enumerate() {
             assert!(pose.is_none() && frame.width() < size.0, "{name}: {}", frame.width());
             let Difference { color, depth, covered } = difference(frame, number);
-            assert!(color.0.abs() < 1.0 && color.1 < 16.0, "{name}: colour differs by {color:?}");
-            assert!(depth.0.abs() < 0.002 && depth.1 < 0.05, "{name}: depth differs by {depth:?}");
+            assert!(color.0.abs() < 1.0 && color.1 < largest.0, "{name}: colour differs by {color:?}");
+            assert!(depth.0.abs() < 0.002 && depth.1 < largest.1, "{name}: depth differs by {depth:?}");
             assert!(covered > coverage, "{name}: {covered}");
         }
     }
@@ -390,8 +392,13 @@ fn what_says_that_it_is_large_is_not_believed() {
     assert!(read(&bytes).1.is_err());
 }
 
+/// Number of damaged recordings: 400, or as many as the variable says.
+fn cases() -> u32 {
+    std::env::var("SPLATSEG_FUZZ_CASES").ok().and_then(|text| text.parse().ok()).unwrap_or(400)
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(400))]
+    #![proptest_config(ProptestConfig::with_cases(cases()))]
 
     /// Damaged recordings are read or refused in one line that names them, without a panic.
     #[test]
