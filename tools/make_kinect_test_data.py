@@ -10,7 +10,7 @@
 mkvmerge writes them with the library that k4arecorder uses, with the same codecs, tags and attachment.
 
 With `--scene SCENE` it writes a scene in the layout of ScanNet, or of this project's folders, as SCENE.mkv instead: its colour
-and depth as the two cameras of a Kinect would see them from one place, at a quarter of the pixels of the usual modes.
+and depth as the two cameras of a Kinect would see them from one place, with twice its focal lengths.
 
 A slanted wall and a ball, whose colour is a smooth function of the place, are seen by the two cameras of a Kinect: 32 mm
 apart and turned by 5.9 degrees, each with its lens. All lengths are in metres and in the frame of the depth camera.
@@ -35,6 +35,8 @@ MODEL = "CALIBRATION_LensDistortionModelBrownConrady"
 DEPTH = [0.5032, 0.5027, 0.4924, 0.4926, 6.0841, 4.3755, 0.2362, 6.4087, 6.4183, 1.2203, 0, 0, 6.5e-5, -5.5e-5]
 COLOR = [0.4987, 0.5021, 0.4782, 0.6374, 0.5844, -2.4942, 1.3603, 0.4648, -2.3362, 1.3012, 0, 0, -1.765e-4, 6.531e-4]
 TILT = 0.1027
+# Of the cameras that see a scene of another camera.
+ZOOM = 2
 # Colour from depth: x' = R x + t.
 ROTATION = numpy.array([[1, 0, 0], [0, numpy.cos(TILT), numpy.sin(TILT)], [0, -numpy.sin(TILT), numpy.cos(TILT)]])
 TRANSLATION = numpy.array([-0.03202, -0.00208, 0.00393])
@@ -255,9 +257,11 @@ def scene_files(scene):
 
 
 def write_scene(folder, scene):
-    """The cameras are at one place here: what one of them sees, nothing hides from the other."""
+    """The cameras are at one place here: what one of them sees, nothing hides from the other. They see a part of the image."""
     global TRANSLATION
     TRANSLATION = numpy.zeros(3)
+    for parameters in DEPTH, COLOR:
+        parameters[2:4] = [ZOOM * focal for focal in parameters[2:4]]
     (fx, fy, cx, cy), files = scene_files(scene)
     depth_view, color_view = depth_camera((640, 576)), color_camera((1280, 720))
 

@@ -183,7 +183,7 @@ pub fn mkv(folder: &Path) {
     let mut writer = MkvWriter::new(color, depth);
     for number in 0..2 {
         let image = Image::filled(color.0 as usize, color.1 as usize, [90; 3]);
-        writer.blocks.push((mkv::COLOR, number * 33_333, jpeg_bytes(&image.into())));
+        writer.blocks.push((mkv::COLOR, number * 33_333, jpeg_bytes(&image)));
         writer.blocks.push((mkv::DEPTH, number * 33_333, 1200u16.to_be_bytes().repeat((depth.0 * depth.1) as usize)));
     }
     write(folder, "closed/a.mkv", writer.bytes());

@@ -161,13 +161,7 @@ pub(crate) fn whole_view(camera: &Intrinsics, distortion: &Distortion) -> Intrin
     }
     let (low, high) = (low.floor(), high.ceil());
     let (size, center) = (high - low + 1.0, center - low);
-    Intrinsics {
-        cx: center.x as f32,
-        cy: center.y as f32,
-        width: size.x as usize,
-        height: size.y as usize,
-        ..*camera
-    }
+    Intrinsics { cx: center.x as f32, cy: center.y as f32, width: size.x as usize, height: size.y as usize, ..*camera }
 }
 
 /// Splits a position inside the image into the pixel at or before it and the remainder, 0 to 1. Positions are clamped

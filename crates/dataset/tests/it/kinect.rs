@@ -26,7 +26,7 @@ fn data(name: &str) -> PathBuf {
 }
 
 fn jpeg((width, height): (u64, u64), value: u8) -> Vec<u8> {
-    jpeg_bytes(&Image::filled(width as usize, height as usize, [value; 3]).into())
+    jpeg_bytes(&Image::filled(width as usize, height as usize, [value; 3]))
 }
 
 fn depth_bytes(millimetres: impl IntoIterator<Item = u16>) -> Vec<u8> {
@@ -108,7 +108,8 @@ fn difference(frame: &CameraFrame<'_>, number: usize) -> Difference {
     let (mut color, mut depth) = (Vec::new(), Vec::new());
     for (row, column) in (0..frame.height()).flat_map(|row| (0..frame.width()).map(move |column| (row, column))) {
         let ray = |x: f64, y: f64| {
-            let point = ((x - f64::from(camera.cx)) / f64::from(camera.fx), (y - f64::from(camera.cy)) / f64::from(camera.fy));
+            let point =
+                ((x - f64::from(camera.cx)) / f64::from(camera.fx), (y - f64::from(camera.cy)) / f64::from(camera.fy));
             DVec3::new(point.0, point.1, 1.0)
         };
         let (x, y) = (column as f64, row as f64);
@@ -151,7 +152,11 @@ fn colour_and_depth_of_a_recording_are_where_they_were_rendered() {
         let found = two_ways::read_path(&data(name), &DatasetSettings::default()).unwrap();
         assert_eq!(found.warnings, [""; 0], "{name}");
         assert_eq!(found.frames.len(), 3, "{name}");
-        assert!(found.sources[1].ends_with("camera /DEPTH/camera_info, registered to colour here"), "{:?}", found.sources);
+        assert!(
+            found.sources[1].ends_with("camera /DEPTH/camera_info, registered to colour here"),
+            "{:?}",
+            found.sources
+        );
         let scene = open_scene(data(name), &DatasetSettings::default()).unwrap();
         assert_eq!((scene.format(), scene.has_poses()), (Some(Format::Mkv), false), "{name}");
         assert_eq!(scene.stored_color_size(0), Some(size), "{name}");
@@ -192,7 +197,9 @@ fn points_land_where_the_colour_camera_sees_them_in_every_mode() {
     ] {
         let mut stored = vec![0u16; (depth_size.0 * depth_size.1) as usize];
         let mut points = Vec::new();
-        for (row, column) in (10..depth_size.1).step_by(37).flat_map(|row| (10..depth_size.0).step_by(37).map(move |c| (row, c))) {
+        for (row, column) in
+            (10..depth_size.1).step_by(37).flat_map(|row| (10..depth_size.0).step_by(37).map(move |c| (row, c)))
+        {
             let millimetres = 1000 + ((row * 7 + column * 13) % 2000) as u16;
             stored[(row * depth_size.0 + column) as usize] = millimetres;
             points.push((dvec2(column as f64, row as f64), f64::from(millimetres) / 1000.0));
@@ -294,7 +301,8 @@ fn a_recording_that_was_cut_off_is_read_up_to_there() {
         let count = frames.map_or(0, |frames| frames.len());
         assert!(count <= last, "{count} frames of {end} bytes");
         if count > 0 {
-            let told = warnings.iter().any(|line| line.contains("was not finished, or is damaged: it is read up to byte"));
+            let told =
+                warnings.iter().any(|line| line.contains("was not finished, or is damaged: it is read up to byte"));
             assert!(told, "{end}: {warnings:?}");
         }
         last = count;
@@ -338,9 +346,15 @@ fn what_is_missing_is_told_in_one_line() {
         text,
         "a.mkv: tracks: found COLOR (V_MS/VFW/FOURCC H264), DEPTH (16UC1), expected COLOR as MJPG, NV12, YUY2 or BGRA"
     );
-    assert!(error(|writer| writer.calibration = None).starts_with("a.mkv: attachment calibration.json: found none, expected"));
+    assert!(
+        error(|writer| writer.calibration = None)
+            .starts_with("a.mkv: attachment calibration.json: found none, expected")
+    );
     let text = error(|writer| writer.calibration = Some(b"{}".to_vec()));
-    assert!(text.starts_with("a.mkv: attachment calibration.json: found one that cannot be used: missing field"), "{text}");
+    assert!(
+        text.starts_with("a.mkv: attachment calibration.json: found one that cannot be used: missing field"),
+        "{text}"
+    );
     let (warnings, frames) = read(&MkvWriter { flags: 2, ..small(2, 0) }.bytes());
     assert!(frames.is_err() && warnings.is_empty(), "{warnings:?}");
 }
@@ -387,7 +401,10 @@ fn what_says_that_it_is_large_is_not_believed() {
     let tags = bytes.windows(4).position(|id| id == [0x12, 0x54, 0xC3, 0x67]).unwrap();
     bytes[tags + 5] = 0x7F;
     assert!(read(&bytes).0.iter().any(|line| line.contains("damaged")));
-    let list = element(0x114D_9B74, &element(0x4DBB, &[element(0x53AB, &[0x11, 0x4D, 0x9B, 0x74]), element(0x53AC, &[0])].concat()));
+    let list = element(
+        0x114D_9B74,
+        &element(0x4DBB, &[element(0x53AB, &[0x11, 0x4D, 0x9B, 0x74]), element(0x53AC, &[0])].concat()),
+    );
     let bytes = [element(0x1A45_DFA3, &[]), element(0x1853_8067, &list.repeat(500))].concat();
     assert!(read(&bytes).1.is_err());
 }

@@ -87,7 +87,8 @@ impl Calibration {
     pub(super) fn parse(bytes: &[u8]) -> Result<Self, String> {
         // Some versions kept the end of the string in C.
         let end = bytes.iter().rposition(|byte| *byte != 0).map_or(0, |last| last + 1);
-        let file: File = serde_json::from_slice(bytes.get(..end).unwrap_or_default()).map_err(|error| error.to_string())?;
+        let file: File =
+            serde_json::from_slice(bytes.get(..end).unwrap_or_default()).map_err(|error| error.to_string())?;
         let camera = |location: &str| {
             let found = file.information.cameras.iter().find(|camera| camera.location == location);
             found.cloned().ok_or_else(|| format!("no camera at {location}"))
@@ -102,7 +103,9 @@ impl Calibration {
     pub(super) fn depth_info(&self, size: (u64, u64), frame: &str) -> Result<CameraInfo, String> {
         if (self.depth.sensor_width, self.depth.sensor_height) != (DEPTH_SENSOR, DEPTH_SENSOR) {
             let (width, height) = (self.depth.sensor_width, self.depth.sensor_height);
-            return Err(format!("found a depth camera of {width}x{height} pixels, expected {DEPTH_SENSOR}x{DEPTH_SENSOR}"));
+            return Err(format!(
+                "found a depth camera of {width}x{height} pixels, expected {DEPTH_SENSOR}x{DEPTH_SENSOR}"
+            ));
         }
         let crop = depth_crop(size)
             .ok_or_else(|| format!("depth images of {}x{} pixels are of no mode of the camera", size.0, size.1))?;
@@ -233,7 +236,11 @@ mod tests {
         assert_eq!(depth_crop((640, 576)), crop(1024.0, (192.0, 180.0)), "NFOV unbinned");
         assert_eq!(depth_crop((512, 512)), crop(512.0, (0.0, 0.0)), "WFOV 2x2 binned");
         assert_eq!(depth_crop((1024, 1024)), crop(1024.0, (0.0, 0.0)), "WFOV unbinned");
-        assert!([(640, 480), (0, 0), (576, 640), (u64::MAX, u64::MAX - 1)].into_iter().all(|size| depth_crop(size).is_none()));
+        assert!(
+            [(640, 480), (0, 0), (576, 640), (u64::MAX, u64::MAX - 1)]
+                .into_iter()
+                .all(|size| depth_crop(size).is_none())
+        );
         for (size, sensor_height, row) in [
             ((1280, 720), 960.0, 120.0),
             ((1920, 1080), 1440.0, 180.0),

@@ -185,7 +185,10 @@ mod tests {
         let header = |bytes: &[u8]| Header::parse(bytes).map(|header| (header.id, header.size, header.length));
         assert_eq!(header(&[0xA3, 0x81, 7]), Some((0xA3, Some(1), 2)));
         assert_eq!(header(&[0x1A, 0x45, 0xDF, 0xA3, 0x40, 0x02]), Some((id::EBML, Some(2), 6)));
-        assert_eq!(header(&[0x1F, 0x43, 0xB6, 0x75, 0x01, 255, 255, 255, 255, 255, 255, 255]), Some((id::CLUSTER, None, 12)));
+        assert_eq!(
+            header(&[0x1F, 0x43, 0xB6, 0x75, 0x01, 255, 255, 255, 255, 255, 255, 255]),
+            Some((id::CLUSTER, None, 12))
+        );
         assert_eq!(header(&[0xA3, 0xFF]), Some((0xA3, None, 2)));
         for damaged in [&[][..], &[0xA3], &[0, 0, 0, 0, 0, 0, 0, 0, 0, 0], &[0xA3, 0], &[0x1A, 0x45], &[0xA3, 0x41]] {
             assert_eq!(header(damaged), None, "{damaged:?}");

@@ -1,6 +1,7 @@
 //! What a file says before its images: tracks, tags and attachments.
 
 use super::ebml::{Elements, id, text, unsigned};
+use crate::ros_topics::frame_names::one_line;
 
 /// Nanoseconds of a unit of time, unless the file says otherwise.
 const DEFAULT_TIMESTAMP_SCALE: u64 = 1_000_000;
@@ -11,6 +12,8 @@ const DEPTH_DELAY: &str = "K4A_DEPTH_DELAY_NS";
 /// More of these are not those of a recording of images.
 const MAX_TRACKS: usize = 64;
 const MAX_TAGS: usize = 4096;
+/// Maximum length of names and values that are kept, characters.
+const MAX_NAME_LENGTH: usize = 60;
 /// Offset of the four characters of the format in a BITMAPINFOHEADER.
 const FOUR_CC_AT: usize = 16;
 
@@ -135,7 +138,8 @@ impl Head {
 
     /// Describes the camera, for people.
     pub(super) fn camera(&self) -> Option<String> {
-        let facts = [("K4A_DEVICE_SERIAL_NUMBER", "serial number"), ("K4A_COLOR_MODE", "colour"), ("K4A_DEPTH_MODE", "depth")];
+        let facts =
+            [("K4A_DEVICE_SERIAL_NUMBER", "serial number"), ("K4A_COLOR_MODE", "colour"), ("K4A_DEPTH_MODE", "depth")];
         let fact = |(tag, what): (&str, &str)| Some(format!("{what} {}", self.tag(tag)?));
         let mut facts: Vec<String> = facts.into_iter().filter_map(fact).collect();
         let delay = self.depth_delay();
@@ -158,8 +162,8 @@ fn track(data: &[u8]) -> TrackEntry {
         match id {
             id::TRACK_NUMBER => track.number = unsigned(data).unwrap_or_default(),
             id::TRACK_UID => track.uid = unsigned(data).unwrap_or_default(),
-            id::NAME => track.name = text(data).chars().take(60).collect(),
-            id::CODEC_ID => track.codec = text(data).chars().take(60).collect(),
+            id::NAME => track.name = one_line(&text(data)).chars().take(MAX_NAME_LENGTH).collect(),
+            id::CODEC_ID => track.codec = one_line(&text(data)).chars().take(MAX_NAME_LENGTH).collect(),
             id::CODEC_PRIVATE => private = data,
             id::CONTENT_ENCODINGS => track.is_encoded = true,
             id::VIDEO => {
@@ -189,8 +193,8 @@ fn tags(data: &[u8]) -> Vec<(String, String)> {
     let simple = tags.filter(|(id, _)| *id == id::SIMPLE_TAG).take(MAX_TAGS);
     let pair = |(_, data): (u32, &[u8])| {
         let name = Elements(data).find(id::TAG_NAME)?;
-        let value: String = text(Elements(data).find(id::TAG_STRING)?).chars().take(100).collect();
-        Some((text(name).chars().take(100).collect(), value.replace(char::is_control, " ")))
+        let short = |data| one_line(&text(data)).chars().take(MAX_NAME_LENGTH).collect();
+        Some((short(name), short(Elements(data).find(id::TAG_STRING)?)))
     };
     simple.filter_map(pair).collect()
 }

@@ -81,7 +81,12 @@ impl Recording {
     /// [`DatasetError::Field`] says what is missing.
     pub(super) fn require_images(&self, path: &Path, settings: &DatasetSettings) -> Result<(), DatasetError> {
         let error = |field: &str, found: String, expected: &str| {
-            Err(DatasetError::Field { path: path.to_owned(), field: field.to_owned(), found, expected: expected.to_owned() })
+            Err(DatasetError::Field {
+                path: path.to_owned(),
+                field: field.to_owned(),
+                found,
+                expected: expected.to_owned(),
+            })
         };
         let has = |role: Role| self.tracks.iter().any(|track| track.role == role && track.is_read());
         let tracks: Vec<String> = self.tracks.iter().map(Track::text).collect();
@@ -270,9 +275,10 @@ impl Scan<'_, '_> {
             // Its blocks are read like those outside.
             id::BLOCK_GROUP => return Ok(Some(data)),
             id::TIMESTAMP => {
-                let bytes = self.window.peek(data, size.min(9) as usize).map_err(|source| {
-                    DatasetError::Io { path: self.file.path.to_owned(), source }
-                })?;
+                let bytes = self
+                    .window
+                    .peek(data, size.min(9) as usize)
+                    .map_err(|source| DatasetError::Io { path: self.file.path.to_owned(), source })?;
                 let Some(time) = unsigned(bytes) else { return Ok(None) };
                 let time = i64::try_from(time).unwrap_or(i64::MAX);
                 self.cluster.time = time.saturating_mul(self.head.timestamp_scale());
@@ -292,7 +298,9 @@ impl Scan<'_, '_> {
         if let Some(end) = after
             && is_cluster(self.header(end)?)
         {
-            self.report(&format!("the cluster is damaged at byte {at}: reading goes on with the next one, at byte {end}"));
+            self.report(&format!(
+                "the cluster is damaged at byte {at}: reading goes on with the next one, at byte {end}"
+            ));
             return Ok(Some(end));
         }
         let found = self.window.find(id::CLUSTER, at + 1).map_err(|source| self.io_error(source))?;
@@ -314,7 +322,9 @@ impl Scan<'_, '_> {
     fn read_part(&mut self, part: u32, data: u64, size: u64) -> Result<(), DatasetError> {
         if size > MAX_PART_BYTES {
             let limit = splatseg_files::display_bytes(MAX_PART_BYTES);
-            self.report(&format!("the part of the head at byte {data} has {size} bytes, more than {limit}: it is left out"));
+            self.report(&format!(
+                "the part of the head at byte {data} has {size} bytes, more than {limit}: it is left out"
+            ));
             return Ok(());
         }
         let bytes = self.window.read(data, size).map_err(|source| self.io_error(source))?;
@@ -331,7 +341,9 @@ impl Scan<'_, '_> {
         for (part, offset) in self.head.missing_parts() {
             let at = self.segment_start.saturating_add(offset);
             let header = self.header(at)?.filter(|header| header.id == part);
-            let Some((length, size)) = header.and_then(|header| Some((header.length as u64, header.size?))) else { continue };
+            let Some((length, size)) = header.and_then(|header| Some((header.length as u64, header.size?))) else {
+                continue;
+            };
             // One that is cut off is reported where it is.
             if at.saturating_add(length).saturating_add(size) <= self.window.bytes {
                 self.read_part(part, at + length, size)?;
@@ -436,7 +448,9 @@ impl Scan<'_, '_> {
             (false, None) => 0,
         };
         let data = if needed > first.len() as u64 {
-            self.window.read(at, needed).map_err(|source| DatasetError::Io { path: self.file.path.to_owned(), source })?
+            self.window
+                .read(at, needed)
+                .map_err(|source| DatasetError::Io { path: self.file.path.to_owned(), source })?
         } else {
             first
         };

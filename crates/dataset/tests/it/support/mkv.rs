@@ -4,12 +4,10 @@ use glam::{DMat3, DVec2, DVec3, dvec2};
 use serde_json::json;
 
 /// cx, cy, fx, fy, k1 to k6, two that are not used, p2, p1 of the depth and the colour camera, as of real devices.
-pub const DEPTH_LENS: [f64; 14] = [
-    0.5032, 0.5027, 0.4924, 0.4926, 6.0841, 4.3755, 0.2362, 6.4087, 6.4183, 1.2203, 0.0, 0.0, 6.5e-5, -5.5e-5,
-];
-pub const COLOR_LENS: [f64; 14] = [
-    0.4987, 0.5021, 0.4782, 0.6374, 0.5844, -2.4942, 1.3603, 0.4648, -2.3362, 1.3012, 0.0, 0.0, -1.765e-4, 6.531e-4,
-];
+pub const DEPTH_LENS: [f64; 14] =
+    [0.5032, 0.5027, 0.4924, 0.4926, 6.0841, 4.3755, 0.2362, 6.4087, 6.4183, 1.2203, 0.0, 0.0, 6.5e-5, -5.5e-5];
+pub const COLOR_LENS: [f64; 14] =
+    [0.4987, 0.5021, 0.4782, 0.6374, 0.5844, -2.4942, 1.3603, 0.4648, -2.3362, 1.3012, 0.0, 0.0, -1.765e-4, 6.531e-4];
 pub const MODEL: &str = "CALIBRATION_LensDistortionModelBrownConrady";
 
 /// Returns rotation and translation of points from the depth camera to the colour camera, metres.
@@ -179,9 +177,7 @@ impl MkvWriter {
         let info = element(0x1549_A966, &number(0x002A_D7B1, 1000));
         let tracks = element(0x1654_AE6B, &self.tracks.concat());
         let clusters: Vec<u8> = self.blocks.iter().flat_map(|block| self.cluster(block)).collect();
-        let seek = |id: u32, at: u64| {
-            element(0x4DBB, &[element(0x53AB, &start(id)), number(0x53AC, at)].concat())
-        };
+        let seek = |id: u32, at: u64| element(0x4DBB, &[element(0x53AB, &start(id)), number(0x53AC, at)].concat());
         let seeks = |at: [u64; 2]| element(0x114D_9B74, &[seek(0x1941_A469, at[0]), seek(0x1254_C367, at[1])].concat());
         let segment = match self.head {
             HeadPlace::First => [info, tracks, attachments, tags, clusters].concat(),
@@ -192,8 +188,11 @@ impl MkvWriter {
             }
         };
         let ebml = element(0x1A45_DFA3, &element(0x4282, b"matroska"));
-        let segment =
-            if self.is_streamed { [unknown_size(0x1853_8067), segment].concat() } else { element(0x1853_8067, &segment) };
+        let segment = if self.is_streamed {
+            [unknown_size(0x1853_8067), segment].concat()
+        } else {
+            element(0x1853_8067, &segment)
+        };
         [ebml, segment].concat()
     }
 
