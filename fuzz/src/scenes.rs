@@ -1,7 +1,7 @@
 //! A small valid scene of every format, of the synthetic room.
 
 use crate::support::mcap::{recording_of, without_checksums};
-use crate::support::mkv::{self, HeadPlace, MkvWriter};
+use crate::support::mkv::{HeadPlace, MkvWriter, small};
 use crate::support::recording::{
     jpeg_bytes, png_color_bytes, png_depth_bytes, png_label_bytes, png_panoptic_bytes, recording, tar_gz_bytes,
     zip_bytes,
@@ -9,7 +9,7 @@ use crate::support::recording::{
 use crate::support::sens::SensWriter;
 use crate::support::{pose_text, write_color, write_png16};
 use serde_json::json;
-use splatseg_geometry::{Image, RgbdFrame, SegmentMap};
+use splatseg_geometry::{RgbdFrame, SegmentMap};
 use std::fs;
 use std::path::Path;
 
@@ -179,15 +179,9 @@ pub fn bag(folder: &Path) {
 
 /// Recordings of an Azure Kinect, in two of the ways in which Matroska is written.
 pub fn mkv(folder: &Path) {
-    let (color, depth) = ((32, 18), (20, 18));
-    let mut writer = MkvWriter::new(color, depth);
-    for number in 0..2 {
-        let image = Image::filled(color.0 as usize, color.1 as usize, [90; 3]);
-        writer.blocks.push((mkv::COLOR, number * 33_333, jpeg_bytes(&image)));
-        writer.blocks.push((mkv::DEPTH, number * 33_333, 1200u16.to_be_bytes().repeat((depth.0 * depth.1) as usize)));
-    }
-    write(folder, "closed/a.mkv", writer.bytes());
-    let streamed = MkvWriter { head: HeadPlace::Last, is_streamed: true, is_grouped: true, ..writer };
+    let closed = small(2, 0);
+    write(folder, "closed/a.mkv", closed.bytes());
+    let streamed = MkvWriter { head: HeadPlace::Last, is_streamed: true, is_grouped: true, ..closed };
     write(folder, "streamed/a.mkv", streamed.bytes());
 }
 

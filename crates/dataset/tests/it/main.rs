@@ -9,6 +9,7 @@ mod depth_scale;
 mod folder;
 mod folder_corrections;
 mod kinect;
+mod kinect_damage;
 mod live;
 mod live_disorder;
 mod mcap;

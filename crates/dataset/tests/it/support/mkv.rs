@@ -1,7 +1,13 @@
 //! Recordings of an Azure Kinect in Matroska, in the ways in which files of others may differ.
 
+use super::recording::jpeg_bytes;
+use super::warnings::with_warnings;
 use glam::{DMat3, DVec2, DVec3, dvec2};
 use serde_json::json;
+use splatseg_dataset::{DatasetSettings, open_scene};
+use splatseg_geometry::{CameraFrame, Image};
+use std::fs;
+use std::path::PathBuf;
 
 /// cx, cy, fx, fy, k1 to k6, two that are not used, p2, p1 of the depth and the colour camera, as of real devices.
 pub const DEPTH_LENS: [f64; 14] =
@@ -146,6 +152,11 @@ pub struct MkvWriter {
 
 pub const COLOR: u8 = 1;
 pub const DEPTH: u8 = 2;
+/// Sizes of small images of the shapes of NFOV and of 16:9.
+pub const SMALL_DEPTH: (u64, u64) = (20, 18);
+pub const SMALL_COLOR: (u64, u64) = (32, 18);
+/// Microseconds between frames.
+pub const PERIOD: u64 = 33_333;
 
 impl MkvWriter {
     /// A recording with colour as JPEG and depth of a size.
@@ -203,4 +214,45 @@ impl MkvWriter {
         let parts = [number(0xE7, time + 100), block].concat();
         if self.is_streamed { [unknown_size(0x1F43_B675), parts].concat() } else { element(0x1F43_B675, &parts) }
     }
+}
+
+pub fn jpeg((width, height): (u64, u64), value: u8) -> Vec<u8> {
+    jpeg_bytes(&Image::filled(width as usize, height as usize, [value; 3]))
+}
+
+pub fn depth_bytes(millimetres: impl IntoIterator<Item = u16>) -> Vec<u8> {
+    millimetres.into_iter().flat_map(u16::to_be_bytes).collect()
+}
+
+/// A recording of some frames: depth has 1000 millimetres and more by 100 for each frame, and comes later by a time.
+pub fn small(frames: u64, delay: u64) -> MkvWriter {
+    let mut writer = MkvWriter::new(SMALL_COLOR, SMALL_DEPTH);
+    let pixels = (SMALL_DEPTH.0 * SMALL_DEPTH.1) as usize;
+    for number in 0..frames {
+        writer.blocks.push((COLOR, number * PERIOD, jpeg(SMALL_COLOR, 10 * number as u8)));
+        let depth = depth_bytes(std::iter::repeat_n(1000 + 100 * number as u16, pixels));
+        writer.blocks.push((DEPTH, number * PERIOD + delay, depth));
+    }
+    writer
+}
+
+/// Writes a recording, and returns its folder and path.
+pub fn written(bytes: &[u8]) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mkv");
+    fs::write(&path, bytes).unwrap();
+    (folder, path)
+}
+
+/// Returns the damage to a recording of these bytes, and its frames or the error.
+pub fn read(bytes: &[u8]) -> (Vec<String>, Result<Vec<CameraFrame<'static>>, String>) {
+    let (_folder, path) = written(bytes);
+    let without = |text: String| text.replace(&path.display().to_string(), "a.mkv");
+    let settings = DatasetSettings::default();
+    let (scene, warnings) = with_warnings(|| open_scene(&path, &settings));
+    let frames = scene.map_err(|error| without(error.to_string())).map(|scene| {
+        let frame = |index| scene.read_recorded(index).map(|read| read.frame).ok();
+        (0..scene.frame_count()).filter_map(frame).collect()
+    });
+    (warnings.into_iter().map(without).collect(), frames)
 }
