@@ -1,6 +1,7 @@
 //! A small valid scene of every format, of the synthetic room.
 
 use crate::support::mcap::{recording_of, without_checksums};
+use crate::support::mkv::{HeadPlace, MkvWriter, small};
 use crate::support::recording::{
     jpeg_bytes, png_color_bytes, png_depth_bytes, png_label_bytes, png_panoptic_bytes, recording, tar_gz_bytes,
     zip_bytes,
@@ -174,6 +175,14 @@ pub fn bag(folder: &Path) {
     write(folder, "lz4/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/room_lz4.bag"));
     write(folder, "bz2/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/room_bz2.bag"));
     write(folder, "realsense/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/realsense_2.56.bag"));
+}
+
+/// Recordings of an Azure Kinect, in two of the ways in which Matroska is written.
+pub fn mkv(folder: &Path) {
+    let closed = small(2, 0);
+    write(folder, "closed/a.mkv", closed.bytes());
+    let streamed = MkvWriter { head: HeadPlace::Last, is_streamed: true, is_grouped: true, ..closed };
+    write(folder, "streamed/a.mkv", streamed.bytes());
 }
 
 /// Plain folders with depth in every kind of file that is read.

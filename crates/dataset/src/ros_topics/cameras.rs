@@ -2,7 +2,7 @@
 
 use crate::DatasetError;
 use crate::own_camera::OwnCamera;
-use crate::undistort::Undistortion;
+use crate::undistort::{Undistortion, whole_view};
 use glam::{DVec2, dvec2};
 use splatseg_geometry::{Distortion, Intrinsics};
 use splatseg_ros::CameraInfo;
@@ -178,23 +178,40 @@ fn largest(numbers: impl Iterator<Item = f64>) -> f64 {
 /// Undistortion map of the last camera used. Usually there is only one.
 #[derive(Debug, Default)]
 pub(crate) struct UndistortionCache {
-    last: Mutex<Option<(Camera, Option<Arc<Undistortion>>)>>,
+    last: Mutex<Option<(Camera, Undistorted)>>,
+    /// True if all that the lens shows is drawn; otherwise the image keeps its size.
+    is_whole: bool,
+}
+
+/// The camera of undistorted images, and the map to them; `None` if its lens does not distort.
+#[derive(Clone, Debug)]
+pub(crate) struct Undistorted {
+    pub(crate) camera: Intrinsics,
+    pub(crate) map: Option<Arc<Undistortion>>,
 }
 
 impl UndistortionCache {
-    /// Returns the map of a camera; `None` if its lens does not distort. `path` is named in errors.
-    pub(crate) fn get(&self, camera: &Camera, path: &Path) -> Result<Option<Arc<Undistortion>>, DatasetError> {
-        if camera.distortion == Distortion::None {
-            return Ok(None);
+    /// Creates one of images of which all that the lens shows is drawn.
+    pub(crate) fn whole() -> Self {
+        Self { is_whole: true, ..Self::default() }
+    }
+
+    /// Returns how the images of a camera are undistorted. `path` is named in errors.
+    pub(crate) fn get(&self, camera: &Camera, path: &Path) -> Result<Undistorted, DatasetError> {
+        let Camera { intrinsics, distortion } = camera;
+        if *distortion == Distortion::None {
+            return Ok(Undistorted { camera: *intrinsics, map: None });
         }
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((known, map)) = last.as_ref()
+        if let Some((known, undistorted)) = last.as_ref()
             && known == camera
         {
-            return Ok(map.clone());
+            return Ok(undistorted.clone());
         }
-        let map = Undistortion::new(&camera.intrinsics, &camera.distortion, path)?.map(Arc::new);
-        *last = Some((camera.clone(), map.clone()));
-        Ok(map)
+        let target = if self.is_whole { whole_view(intrinsics, distortion) } else { *intrinsics };
+        let map = Undistortion::to_camera((intrinsics, distortion), &target, path)?.map(Arc::new);
+        let undistorted = Undistorted { camera: target, map };
+        *last = Some((camera.clone(), undistorted.clone()));
+        Ok(undistorted)
     }
 }
