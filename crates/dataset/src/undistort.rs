@@ -5,6 +5,7 @@ use crate::files::MemoryRequirement;
 use glam::dvec2;
 use splatseg_geometry::{CowImage, Distortion, Image, Intrinsics};
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Memory used by the map per pixel.
 const BYTES_PER_PIXEL: u64 = size_of::<Option<[f32; 2]>>() as u64;
@@ -120,4 +121,44 @@ fn split(at: f32, len: usize) -> (usize, f32) {
     let at = at.clamp(0.0, (len - 1) as f32);
     let before = at.floor();
     (before as usize, at - before)
+}
+
+/// A camera whose images are undistorted before they are used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Camera {
+    pub(crate) intrinsics: Intrinsics,
+    pub(crate) distortion: Distortion,
+}
+
+impl Camera {
+    /// Creates a camera whose lens does not distort. `path` is named in errors.
+    pub(crate) fn pinhole(intrinsics: Intrinsics, path: &Path) -> Result<Self, DatasetError> {
+        let valid = intrinsics.validated();
+        let intrinsics = valid.map_err(|source| DatasetError::Intrinsics { path: path.to_owned(), source })?;
+        Ok(Self { intrinsics, distortion: Distortion::None })
+    }
+}
+
+/// The map of the last camera used: usually there is only one.
+#[derive(Debug, Default)]
+pub(crate) struct UndistortionCache {
+    last: Mutex<Option<(Camera, Option<Arc<Undistortion>>)>>,
+}
+
+impl UndistortionCache {
+    /// Returns the map of a camera; `None` if its lens does not distort. `path` is named in errors.
+    pub(crate) fn get(&self, camera: &Camera, path: &Path) -> Result<Option<Arc<Undistortion>>, DatasetError> {
+        if camera.distortion == Distortion::None {
+            return Ok(None);
+        }
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((known, map)) = last.as_ref()
+            && known == camera
+        {
+            return Ok(map.clone());
+        }
+        let map = Undistortion::new(&camera.intrinsics, &camera.distortion, path)?.map(Arc::new);
+        *last = Some((*camera, map.clone()));
+        Ok(map)
+    }
 }
