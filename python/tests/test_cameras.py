@@ -387,6 +387,23 @@ def test_a_camera_that_is_unplugged_leaves_its_map(frames, module, tmp_path, cap
     assert len(ss.FastSamSplat.load(tmp_path / "map.ply").objects()) >= 3
 
 
+def test_frames_are_shown_in_rerun(frames, module, tmp_path, monkeypatch, capsys):
+    rr = pytest.importorskip("rerun", exc_type=ImportError)
+    started = []
+
+    def init(name, *, spawn):
+        started.append((name, spawn))
+        rr.set_global_data_recording(rr.RecordingStream(name))
+        rr.save(tmp_path / "view.rrd")
+
+    monkeypatch.setattr(rr, "init", init)
+    module("pyorbbecsdk", **orbbec(frames))
+    assert command(["orbbec", "--view", "--frames", "3"]) == 0
+    rr.disconnect()
+    assert started == [("splatseg", True)]
+    assert (tmp_path / "view.rrd").stat().st_size > 10_000
+
+
 def test_images_are_the_same_after_writing(tmp_path):
     image = pytest.importorskip("PIL.Image")
     random = np.random.default_rng(3)
