@@ -187,7 +187,10 @@ pub fn mkv(folder: &Path) {
 
 /// Plain folders with depth in every kind of file that is read.
 pub fn depth_files(folder: &Path) {
-    let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../crates/dataset/tests/data/depth_files"));
+    // Fuzz targets and an example of `crates/dataset` have this file.
+    let data_of = |root: &Path| root.join("crates/dataset/tests/data/depth_files");
+    let mut data = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().map(data_of);
+    let data = data.find(|data| data.is_dir()).expect("the repository");
     for name in DEPTH_FILES {
         let (stem, ending) = name.split_once('.').expect("an extension");
         fs::create_dir_all(folder.join(stem).join("color")).expect("a folder of the template");

@@ -5,6 +5,7 @@ use crate::files::MemoryRequirement;
 use glam::{DVec2, dvec2};
 use splatseg_geometry::{CowImage, Distortion, Image, Intrinsics};
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Memory used by the map per pixel.
 const BYTES_PER_PIXEL: u64 = size_of::<Option<[f32; 2]>>() as u64;
@@ -144,7 +145,7 @@ fn optics(camera: &Intrinsics) -> (DVec2, DVec2) {
 
 /// Returns a pinhole camera with the focal lengths of a distorted one that sees all of its image, as far as twice its size
 /// suffices.
-pub(crate) fn whole_view(camera: &Intrinsics, distortion: &Distortion) -> Intrinsics {
+fn whole_view(camera: &Intrinsics, distortion: &Distortion) -> Intrinsics {
     let (focal, center) = optics(camera);
     let last = dvec2(camera.width as f64, camera.height as f64) - 1.0;
     let room = (last + 1.0) * MAX_WIDENING;
@@ -170,4 +171,61 @@ fn split(at: f32, len: usize) -> (usize, f32) {
     let at = at.clamp(0.0, (len - 1) as f32);
     let before = at.floor();
     (before as usize, at - before)
+}
+
+/// A camera whose images are undistorted before they are used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Camera {
+    pub(crate) intrinsics: Intrinsics,
+    pub(crate) distortion: Distortion,
+}
+
+impl Camera {
+    /// Creates a camera whose lens does not distort. `path` is named in errors.
+    pub(crate) fn pinhole(intrinsics: Intrinsics, path: &Path) -> Result<Self, DatasetError> {
+        let valid = intrinsics.validated();
+        let intrinsics = valid.map_err(|source| DatasetError::Intrinsics { path: path.to_owned(), source })?;
+        Ok(Self { intrinsics, distortion: Distortion::None })
+    }
+}
+
+/// Undistortion map of the last camera used. Usually there is only one.
+#[derive(Debug, Default)]
+pub(crate) struct UndistortionCache {
+    last: Mutex<Option<(Camera, Undistorted)>>,
+    /// True if all that the lens shows is drawn; otherwise the image keeps its size.
+    is_whole: bool,
+}
+
+/// The camera of undistorted images, and the map to them; `None` if its lens does not distort.
+#[derive(Clone, Debug)]
+pub(crate) struct Undistorted {
+    pub(crate) camera: Intrinsics,
+    pub(crate) map: Option<Arc<Undistortion>>,
+}
+
+impl UndistortionCache {
+    /// Creates one of images of which all that the lens shows is drawn.
+    pub(crate) fn whole() -> Self {
+        Self { is_whole: true, ..Self::default() }
+    }
+
+    /// Returns how the images of a camera are undistorted. `path` is named in errors.
+    pub(crate) fn get(&self, camera: &Camera, path: &Path) -> Result<Undistorted, DatasetError> {
+        let Camera { intrinsics, distortion } = camera;
+        if *distortion == Distortion::None {
+            return Ok(Undistorted { camera: *intrinsics, map: None });
+        }
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((known, undistorted)) = last.as_ref()
+            && known == camera
+        {
+            return Ok(undistorted.clone());
+        }
+        let target = if self.is_whole { whole_view(intrinsics, distortion) } else { *intrinsics };
+        let map = Undistortion::to_camera((intrinsics, distortion), &target, path)?.map(Arc::new);
+        let undistorted = Undistorted { camera: target, map };
+        *last = Some((*camera, undistorted.clone()));
+        Ok(undistorted)
+    }
 }

@@ -2,12 +2,11 @@
 
 use crate::DatasetError;
 use crate::own_camera::OwnCamera;
-use crate::undistort::{Undistortion, whole_view};
+use crate::undistort::Camera;
 use glam::{DVec2, dvec2};
 use splatseg_geometry::{Distortion, Intrinsics};
 use splatseg_ros::CameraInfo;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
 
 /// A camera info, without its header.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,13 +30,6 @@ pub(crate) struct ImageFacts {
     pub(crate) size: Option<(usize, usize)>,
     /// The camera of the settings.
     pub(crate) own: Option<OwnCamera>,
-}
-
-/// A camera whose image is undistorted before it is used.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Camera {
-    pub(crate) intrinsics: Intrinsics,
-    pub(crate) distortion: Distortion,
 }
 
 impl Calibration {
@@ -173,45 +165,4 @@ pub(crate) fn has_shape(one: (usize, usize), other: (usize, usize)) -> bool {
 /// Returns the largest of some numbers; infinity if one is NaN.
 fn largest(numbers: impl Iterator<Item = f64>) -> f64 {
     numbers.map(|number| if number.is_nan() { f64::INFINITY } else { number }).fold(0.0, f64::max)
-}
-
-/// Undistortion map of the last camera used. Usually there is only one.
-#[derive(Debug, Default)]
-pub(crate) struct UndistortionCache {
-    last: Mutex<Option<(Camera, Undistorted)>>,
-    /// True if all that the lens shows is drawn; otherwise the image keeps its size.
-    is_whole: bool,
-}
-
-/// The camera of undistorted images, and the map to them; `None` if its lens does not distort.
-#[derive(Clone, Debug)]
-pub(crate) struct Undistorted {
-    pub(crate) camera: Intrinsics,
-    pub(crate) map: Option<Arc<Undistortion>>,
-}
-
-impl UndistortionCache {
-    /// Creates one of images of which all that the lens shows is drawn.
-    pub(crate) fn whole() -> Self {
-        Self { is_whole: true, ..Self::default() }
-    }
-
-    /// Returns how the images of a camera are undistorted. `path` is named in errors.
-    pub(crate) fn get(&self, camera: &Camera, path: &Path) -> Result<Undistorted, DatasetError> {
-        let Camera { intrinsics, distortion } = camera;
-        if *distortion == Distortion::None {
-            return Ok(Undistorted { camera: *intrinsics, map: None });
-        }
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((known, undistorted)) = last.as_ref()
-            && known == camera
-        {
-            return Ok(undistorted.clone());
-        }
-        let target = if self.is_whole { whole_view(intrinsics, distortion) } else { *intrinsics };
-        let map = Undistortion::to_camera((intrinsics, distortion), &target, path)?.map(Arc::new);
-        let undistorted = Undistorted { camera: target, map };
-        *last = Some((camera.clone(), undistorted.clone()));
-        Ok(undistorted)
-    }
 }

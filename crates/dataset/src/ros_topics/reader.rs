@@ -1,7 +1,7 @@
 //! Reading of a frame's images: decoding, undistortion, and registration of depth to colour.
 
 use super::camera_list::Cameras;
-use super::cameras::{Camera, UndistortionCache, has_shape};
+use super::cameras::has_shape;
 use super::choice::Choice;
 use super::contents::{Images, MessagePlace, Topic};
 use super::frames::{FrameMaker, PairedFrame};
@@ -14,6 +14,7 @@ use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};
 use crate::scene::{entry, require_registered};
 use crate::undistort::Undistortion;
+use crate::undistort::{Camera, UndistortionCache};
 use crate::{DatasetError, DepthRegistration};
 use glam::DVec3;
 use splatseg_geometry::{Image, Intrinsics, Pose};
