@@ -8,7 +8,7 @@ use std::path::Path;
 fn main() -> std::io::Result<()> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/corpus"));
     let with_choice = |choice: u8, bytes: &[u8]| [&[choice], bytes].concat();
-    let templates: [(&str, fn(&Path)); 11] = [
+    let templates: [(&str, fn(&Path)); 14] = [
         ("images", scenes::images),
         ("sevenscenes", scenes::sevenscenes),
         ("scannet", scenes::scannet),
@@ -20,6 +20,7 @@ fn main() -> std::io::Result<()> {
         ("mcap", scenes::mcap),
         ("db3", scenes::db3),
         ("bag", scenes::bag),
+        ("mkv", scenes::mkv),
         ("depth_files", scenes::depth_files),
         ("phones", scenes::phones),
     ];

@@ -41,11 +41,26 @@ impl Place {
         let Some((choice, bytes)) = input.split_first() else { return };
         place.with(|place| {
             let place = place.get_or_init(|| Self::new(write));
-            let (path, whole) = &place.files[usize::from(*choice) % place.files.len()];
-            fs::write(path, bytes).expect("a file in the temporary folder");
-            work(place.folder.path());
-            fs::write(path, whole).expect("a file in the temporary folder");
+            place.with_file(usize::from(*choice) % place.files.len(), bytes, || work(place.folder.path()));
         });
+    }
+
+    /// Runs `work` while a file of the folder has another content.
+    pub fn with_file(&self, choice: usize, bytes: &[u8], work: impl FnOnce()) {
+        let (path, whole) = &self.files[choice];
+        fs::write(path, bytes).expect("a file in the temporary folder");
+        work();
+        fs::write(path, whole).expect("a file in the temporary folder");
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// Paths and contents of the files in it.
+    pub fn files(&self) -> &[(PathBuf, Vec<u8>)] {
+        &self.files
     }
 
     /// The inputs that leave the template as it is, one for each file.

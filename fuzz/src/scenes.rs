@@ -1,6 +1,7 @@
 //! A small valid scene of every format, of the synthetic room.
 
 use crate::support::mcap::{recording_of, without_checksums};
+use crate::support::mkv::{HeadPlace, MkvWriter, small};
 use crate::support::recording::{
     jpeg_bytes, png_color_bytes, png_depth_bytes, png_label_bytes, png_panoptic_bytes, recording, tar_gz_bytes,
     zip_bytes,
@@ -176,9 +177,20 @@ pub fn bag(folder: &Path) {
     write(folder, "realsense/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/realsense_2.56.bag"));
 }
 
+/// Recordings of an Azure Kinect, in two of the ways in which Matroska is written.
+pub fn mkv(folder: &Path) {
+    let closed = small(2, 0);
+    write(folder, "closed/a.mkv", closed.bytes());
+    let streamed = MkvWriter { head: HeadPlace::Last, is_streamed: true, is_grouped: true, ..closed };
+    write(folder, "streamed/a.mkv", streamed.bytes());
+}
+
 /// Plain folders with depth in every kind of file that is read.
 pub fn depth_files(folder: &Path) {
-    let data = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../crates/dataset/tests/data/depth_files"));
+    // Fuzz targets and an example of `crates/dataset` have this file.
+    let data_of = |root: &Path| root.join("crates/dataset/tests/data/depth_files");
+    let mut data = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().map(data_of);
+    let data = data.find(|data| data.is_dir()).expect("the repository");
     for name in DEPTH_FILES {
         let (stem, ending) = name.split_once('.').expect("an extension");
         fs::create_dir_all(folder.join(stem).join("color")).expect("a folder of the template");

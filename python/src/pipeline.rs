@@ -17,7 +17,7 @@ use splatseg::objects::{FrameStamp, ObjectName, SeenObjects};
 use splatseg::odometry::PoseState;
 use splatseg::pipeline::{FrameResult, NameObjectsError, ObjectToName, PipelineError};
 use splatseg::settings::SettingsLayers;
-use splatseg::tracking::ShownFrame;
+use splatseg::tracking::{Hindsight, ShownFrame};
 use splatseg::{CameraFrame, Intrinsics, Mask, Pose, SegmentId};
 use splatseg_files::MemoryLimit;
 use std::error::Error;

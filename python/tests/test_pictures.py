@@ -92,7 +92,6 @@ def test_a_slow_viewer_delays_no_frame(tmp_path, room, monkeypatch):
     assert {"/world/camera/image/ids", "/world/map", "/world/boxes"} <= entities(tmp_path / "test.rrd")
 
 
-
 def test_view(tmp_path):
     pytest.importorskip("rerun")
     from splatseg.view import view

@@ -45,13 +45,15 @@ def test_results_are_those_of_the_command(tmp_path, room, settings):
             assert list(entry.box[0]) == expected["shape"]["axis_aligned_box"]["min"]
 
 
-def test_a_frame_can_be_looked_at_again(tmp_path, room):
+@pytest.mark.parametrize(("working_pixels", "height"), [(76_800, 72), (1728, 36)])
+def test_a_frame_can_be_looked_at_again(tmp_path, room, working_pixels, height):
     out = tmp_path / "out"
-    ended = command("run", ROOM, "--out", str(out), "--no-page")
+    ended = command("run", ROOM, "--out", str(out), "--no-page", "--set", f"working_pixels={working_pixels}")
     assert ended.returncode == 0, ended.stderr
-    pipeline = ss.FastSamSplat()
+    pipeline = ss.FastSamSplat(working_pixels=working_pixels)
     results = [step(pipeline, frame) for frame in room]
-    assert results[0].regions.shape == results[0].ids.shape
+    assert results[0].ids.shape[0] == 72
+    assert results[0].regions.shape[0] == height
     assert pipeline.settle()
     again = [pipeline.look_again(result) for result in results]
     for frame, ids in zip(room, again, strict=True):

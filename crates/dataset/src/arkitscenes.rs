@@ -7,11 +7,12 @@
 
 use crate::depth_scale::DepthScale;
 use crate::files::is_there;
-use crate::frame_list::{FrameList, FrameListScene, ListedCamera, ListedFrame, PlainFiles, StatedPoses};
+use crate::frame_list::{FrameList, FrameListScene, ListedFrame, PlainFiles, StatedPoses};
 use crate::listing::{folder_name, names_in, no_frames_in};
 use crate::scene::LeftOut;
 use crate::text::{read_text_with_numbers, shortened};
 use crate::tum::nearest_time;
+use crate::undistort::Camera;
 use crate::{DatasetError, DatasetSettings, Format};
 use glam::{DQuat, DVec3};
 use splatseg_geometry::{Intrinsics, Pose};
@@ -136,7 +137,7 @@ impl ListReader<'_> {
             None if self.has_own_camera => {
                 let place = self.folder.join(CAMERAS);
                 let any = Intrinsics { fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0, width: 1, height: 1 };
-                (ListedCamera::pinhole(any, &place)?, place)
+                (Camera::pinhole(any, &place)?, place)
             }
             None => return Ok(None),
         };
@@ -182,7 +183,7 @@ fn seconds_of(name: &str) -> Option<f64> {
 }
 
 /// Reads a `.pincam`.
-fn read_camera(path: &Path) -> Result<ListedCamera, DatasetError> {
+fn read_camera(path: &Path) -> Result<Camera, DatasetError> {
     let what = "camera intrinsics file";
     let text = read_text_with_numbers(path, what, MAX_CAMERA_BYTES)?;
     let numbers: Option<Vec<f64>> = text.split_whitespace().map(|word| word.parse().ok()).collect();
@@ -195,7 +196,7 @@ fn read_camera(path: &Path) -> Result<ListedCamera, DatasetError> {
     })?;
     let [fx, fy, cx, cy] = [fx, fy, cx, cy].map(|number| number as f32);
     // Negative numbers and NaN become 0, which is refused as a size.
-    ListedCamera::pinhole(Intrinsics { fx, fy, cx, cy, width: width as usize, height: height as usize }, path)
+    Camera::pinhole(Intrinsics { fx, fy, cx, cy, width: width as usize, height: height as usize }, path)
 }
 
 /// Reads the trajectory, sorted by time.

@@ -31,6 +31,8 @@ choices! {
         Db3 = "db3",
         /// A recording of ROS 1, or a folder containing one.
         Bag = "bag",
+        /// A recording of Azure Kinect or Orbbec Femto, as `k4arecorder` writes it, or a folder containing one.
+        Mkv = "mkv",
         /// A Record3D recording, `.r3d`, or the folder it was unpacked to.
         R3d = "r3d",
         /// nerfstudio's `transforms.json` whose frames have `depth_file_path`, or a folder with it.
@@ -49,7 +51,7 @@ choices! {
 impl Format {
     /// Returns true if its scenes are recordings of topics, which settings choose.
     pub const fn has_topics(self) -> bool {
-        matches!(self, Self::Mcap | Self::Db3 | Self::Bag)
+        matches!(self, Self::Mcap | Self::Db3 | Self::Bag | Self::Mkv)
     }
 
     /// Returns true if its scenes may have depth that is not registered to colour.
@@ -97,7 +99,7 @@ mod tests {
             assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
         }
         let error = "kitti".parse::<Format>().unwrap_err();
-        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, db3, bag, r3d, nerfstudio, polycam, stray, arkitscenes, synthetic";
+        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, db3, bag, mkv, r3d, nerfstudio, polycam, stray, arkitscenes, synthetic";
         assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
     }
 }

@@ -16,7 +16,7 @@ use std::sync::Arc;
 
 /// The files that are scenes, for messages.
 pub(crate) const FILES: &str =
-    ".mcap, .db3, .bag, .r3d (a zip file), .sens, .tar.gz of MVPd, transforms.json with depth";
+    ".mcap, .db3, .bag, .mkv of Azure Kinect, .r3d (a zip file), .sens, .tar.gz of MVPd, transforms.json with depth";
 
 /// Function that opens a scene of one format.
 type OpenScene = fn(&Path, &DatasetSettings) -> Result<Arc<dyn Scene>, DatasetError>;
@@ -116,6 +116,14 @@ const FORMATS: &[FormatEntry] = &[
         looks_like: |path| recording::looks_like(path, Container::Bag),
         is_whole: |_| true,
         open: |path, settings| Ok(Arc::new(RecordingScene::open_as(path, Container::Bag, settings)?)),
+    },
+    FormatEntry {
+        format: Format::Mkv,
+        layout: Container::Mkv.layout(),
+        parts: |_| Vec::new(),
+        looks_like: |path| recording::looks_like(path, Container::Mkv),
+        is_whole: |_| true,
+        open: |path, settings| Ok(Arc::new(RecordingScene::open_as(path, Container::Mkv, settings)?)),
     },
     FormatEntry {
         format: Format::R3d,

@@ -8,11 +8,12 @@
 use crate::decode::MAX_PIXELS;
 use crate::depth_scale::DepthScale;
 use crate::files::is_there;
-use crate::frame_list::{FrameList, FrameListScene, ListedCamera, ListedFrame, PlainFiles, StatedPoses};
+use crate::frame_list::{FrameList, FrameListScene, ListedFrame, PlainFiles, StatedPoses};
 use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, no_frames_in, numbered_files};
 use crate::scene::LeftOut;
 use crate::stamps::{Stamp, TimeScale};
 use crate::text::read_json;
+use crate::undistort::Camera;
 use crate::{DatasetError, DatasetSettings, Format};
 use serde::Deserialize;
 use splatseg_geometry::{CameraAxes, Intrinsics, Pose};
@@ -58,10 +59,10 @@ impl CameraFile {
         [t_00, t_01, t_02, t_03, t_10, t_11, t_12, t_13, t_20, t_21, t_22, t_23, 0.0, 0.0, 0.0, 1.0]
     }
 
-    fn camera(&self, path: &Path) -> Result<ListedCamera, DatasetError> {
+    fn camera(&self, path: &Path) -> Result<Camera, DatasetError> {
         let side = |side: f64| if (0.0..=MAX_PIXELS as f64).contains(&side) { side as usize } else { 0 };
         let Self { fx, fy, cx, cy, width, height, .. } = *self;
-        ListedCamera::pinhole(Intrinsics { fx, fy, cx, cy, width: side(width), height: side(height) }, path)
+        Camera::pinhole(Intrinsics { fx, fy, cx, cy, width: side(width), height: side(height) }, path)
     }
 }
 

@@ -11,12 +11,11 @@ use crate::decode::{MAX_PIXELS, decode_color, encoded_size, require_decoding_mem
 use crate::depth_scale::DepthScale;
 use crate::error::{COLOR_IMAGE, CONFIDENCE_IMAGE, DEPTH_IMAGE};
 use crate::files::{is_there, open_file, read_file};
-use crate::frame_list::{
-    FrameFiles, FrameList, FrameListScene, ListedCamera, ListedFrame, StatedPoses, listed_quaternion,
-};
+use crate::frame_list::{FrameFiles, FrameList, FrameListScene, ListedFrame, StatedPoses, listed_quaternion};
 use crate::listing::{folder_name, names_in};
 use crate::scene::LeftOut;
 use crate::text::{not_text, parse_json};
+use crate::undistort::Camera;
 use crate::{DatasetError, DatasetSettings, Format};
 use lzfse_rust::LzfseRingDecoder;
 use serde::Deserialize;
@@ -196,7 +195,7 @@ impl ListReader<'_> {
         stated.or_else(|| self.metadata.fps.filter(|fps| *fps > 0.0).map(|fps| number as f64 / fps))
     }
 
-    fn camera(&self, number: usize) -> Result<ListedCamera, DatasetError> {
+    fn camera(&self, number: usize) -> Result<Camera, DatasetError> {
         let numbers = match (self.metadata.perFrameIntrinsicCoeffs.get(number), self.metadata.K.as_slice()) {
             (Some(own), _) => *own,
             (None, [fx, _, _, _, fy, _, cx, cy, _]) => [*fx, *fy, *cx, *cy],
@@ -211,7 +210,7 @@ impl ListReader<'_> {
         };
         let [fx, fy, cx, cy] = numbers.map(|number| number as f32);
         let (width, height) = (self.metadata.w, self.metadata.h);
-        ListedCamera::pinhole(Intrinsics { fx, fy, cx, cy, width, height }, self.place)
+        Camera::pinhole(Intrinsics { fx, fy, cx, cy, width, height }, self.place)
     }
 }
 

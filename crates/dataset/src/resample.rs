@@ -122,27 +122,34 @@ pub(crate) fn resample_color(source: &CowImage<'_, [u8; 3]>, map: &ImageMap) -> 
     if source.pixels().is_empty() {
         return Image::filled(width, height, [0; 3]);
     }
-    let column_taps = map.columns.taps();
     // The triangle filter is separable: along x first, then along y.
-    let narrow = Image::from_fn(width, source.height(), |column, row| {
-        let taps = &column_taps[column];
-        weighted(taps, |index| source[(index, row)].map(f32::from))
-    });
-    let row_taps = map.rows.taps();
-    Image::from_fn(width, height, |column, row| {
-        weighted(&row_taps[row], |index| narrow[(column, index)]).map(|value| value.round().clamp(0.0, 255.0) as u8)
-    })
-}
-
-fn weighted(taps: &Taps, pixel: impl Fn(usize) -> [f32; 3]) -> [f32; 3] {
-    let mut sum = [0.0; 3];
-    for (index, weight) in taps.weights.iter().enumerate() {
-        let value = pixel(taps.first + index);
-        for channel in 0..3 {
-            sum[channel] += weight * value[channel];
+    let column_taps = map.columns.taps();
+    let mut narrow = vec![0.0; 3 * width * source.height()];
+    for (row, out) in narrow.chunks_mut(3 * width).enumerate() {
+        let pixels = source.row(row);
+        for (taps, out) in column_taps.iter().zip(out.as_chunks_mut::<3>().0) {
+            for (weight, pixel) in taps.weights.iter().zip(&pixels[taps.first..]) {
+                (0..3).for_each(|channel| out[channel] += weight * f32::from(pixel[channel]));
+            }
         }
     }
-    sum
+    let mut pixels = Vec::with_capacity(width * height);
+    let mut sums = vec![0.0; 3 * width];
+    for taps in map.rows.taps() {
+        sums.fill(0.0);
+        for (weight, row) in taps.weights.iter().zip(narrow.chunks(3 * width).skip(taps.first)) {
+            sums.iter_mut().zip(row).for_each(|(sum, value)| *sum += weight * value);
+        }
+        pixels.extend(sums.as_chunks::<3>().0.iter().map(|sums| sums.map(rounded)));
+    }
+    Image::from_pixels(width, height, pixels).unwrap_or_else(|_| Image::filled(width, height, [0; 3]))
+}
+
+/// Rounds to the nearest of 0 to 255, halves up. `f32::round` is a call of a function on processors without SSE 4.1.
+fn rounded(value: f32) -> u8 {
+    let above = (value + 0.5) as u8;
+    // The sum was rounded up if it was just below a half.
+    if f32::from(above) - value > 0.5 { above - 1 } else { above }
 }
 
 /// Takes for each target pixel the valid depth nearest to its centre, among the source pixels it covers; 0 if there is

@@ -2,22 +2,31 @@
 
 use crate::DatasetError;
 use crate::files::MemoryRequirement;
-use glam::dvec2;
+use glam::{DVec2, dvec2};
 use splatseg_geometry::{CowImage, Distortion, Image, Intrinsics};
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Memory used by the map per pixel.
 const BYTES_PER_PIXEL: u64 = size_of::<Option<[f32; 2]>>() as u64;
+/// A view is widened by at most this share of an image's side at each end.
+const MAX_WIDENING: f64 = 0.5;
+/// Number of places along each side of an image at which its view is measured.
+const BORDER_PLACES: usize = 64;
 
 /// Map from each pixel of an undistorted image to its position in the distorted image. Computed once per camera.
 ///
 /// The undistorted image has the intrinsics of the distorted one, as with OpenCV's `initUndistortRectifyMap` and
 /// `newCameraMatrix = cameraMatrix`, and with ROS's `image_proc` and the matrix K. Depth along the z axis is unchanged.
-/// Pixels outside the lens's view are black, without depth.
+/// Pixels outside the lens's view are black, without depth. Such an image lacks the outer parts of what a lens with barrel
+/// distortion shows; within this crate, depth that is warped to another camera afterwards has a wider one.
 #[derive(Clone, Debug)]
 pub struct Undistortion {
+    /// Size of the undistorted image.
     width: usize,
     height: usize,
+    /// Size of the distorted image.
+    source: (usize, usize),
     /// `[height, width]`, the `(column, row)` in the distorted image; `None` outside it.
     sources: Vec<Option<[f32; 2]>>,
 }
@@ -29,21 +38,36 @@ impl Undistortion {
     /// [`DatasetError::Intrinsics`] for invalid intrinsics, [`DatasetError::MemoryLimit`] if the map would be too
     /// large.
     pub fn new(intrinsics: &Intrinsics, distortion: &Distortion, path: &Path) -> Result<Option<Self>, DatasetError> {
+        Self::to_camera((intrinsics, distortion), intrinsics, path)
+    }
+
+    /// Like [`Self::new`], but draws the image of another pinhole camera at the same place.
+    ///
+    /// # Errors
+    /// As there.
+    pub(crate) fn to_camera(
+        (intrinsics, distortion): (&Intrinsics, &Distortion),
+        target: &Intrinsics,
+        path: &Path,
+    ) -> Result<Option<Self>, DatasetError> {
         if *distortion == Distortion::None {
             return Ok(None);
         }
-        let camera =
-            intrinsics.validated().map_err(|source| DatasetError::Intrinsics { path: path.to_owned(), source })?;
-        let Intrinsics { width, height, .. } = camera;
+        let valid = |camera: &Intrinsics| {
+            camera.validated().map_err(|source| DatasetError::Intrinsics { path: path.to_owned(), source })
+        };
+        let (camera, target) = (valid(intrinsics)?, valid(target)?);
+        let Intrinsics { width, height, .. } = target;
         let remedy = "raise --memory-limit, or record smaller images";
         let what = "undistortion map";
         MemoryRequirement { what, size: (width, height), bytes_per_pixel: BYTES_PER_PIXEL, remedy }.check(path)?;
-        let (focal, center) = (dvec2(camera.fx.into(), camera.fy.into()), dvec2(camera.cx.into(), camera.cy.into()));
-        let last = dvec2(width as f64, height as f64) - 1.0;
-        let farthest = ((last - center).abs().max(center.abs()) / focal).length();
+        let ((focal, center), (target_focal, target_center)) = (optics(&camera), optics(&target));
+        let end = |camera: &Intrinsics| dvec2(camera.width as f64, camera.height as f64) - 1.0;
+        let (last, target_last) = (end(&camera), end(&target));
+        let farthest = ((target_last - target_center).abs().max(target_center.abs()) / target_focal).length();
         let usable_squared = distortion.usable_radius(farthest).powi(2);
         let source = |column: usize, row: usize| {
-            let point = (dvec2(column as f64, row as f64) - center) / focal;
+            let point = (dvec2(column as f64, row as f64) - target_center) / target_focal;
             let pixel = distortion.distort(point) * focal + center;
             let inside = pixel.cmpge(dvec2(-0.5, -0.5)).all() && pixel.cmple(last + 0.5).all();
             let usable = point.length_squared() <= usable_squared;
@@ -51,12 +75,12 @@ impl Undistortion {
         };
         let sources = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
         let sources = sources.map(|(column, row)| source(column, row)).collect();
-        Ok(Some(Self { width, height, sources }))
+        Ok(Some(Self { width, height, source: (camera.width, camera.height), sources }))
     }
 
     /// Returns the `(width, height)` of the images it applies to, pixels.
     pub fn size(&self) -> (usize, usize) {
-        (self.width, self.height)
+        self.source
     }
 
     /// Returns the position, `(column, row)`, of an undistorted pixel in the distorted image; `None` outside it.
@@ -74,9 +98,9 @@ impl Undistortion {
     pub fn color(&self, image: &CowImage<'_, [u8; 3]>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
         self.require_size(image.size(), "colour image", path)?;
         Ok(self.draw(|[x, y]| {
-            let (left, x) = split(x, self.width);
-            let (top, y) = split(y, self.height);
-            let (right, bottom) = ((left + 1).min(self.width - 1), (top + 1).min(self.height - 1));
+            let (left, x) = split(x, self.source.0);
+            let (top, y) = split(y, self.source.1);
+            let (right, bottom) = ((left + 1).min(self.source.0 - 1), (top + 1).min(self.source.1 - 1));
             let corners = [(left, top), (right, top), (left, bottom), (right, bottom)].map(|at| image[at]);
             let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
             [0, 1, 2].map(|channel| {
@@ -95,7 +119,7 @@ impl Undistortion {
     pub fn depth(&self, image: &CowImage<'_, f32>, path: &Path) -> Result<Image<f32>, DatasetError> {
         self.require_size(image.size(), "depth image", path)?;
         let nearest = |at: f32, len: usize| (at.round().max(0.0) as usize).min(len - 1);
-        Ok(self.draw(|[x, y]| image[(nearest(x, self.width), nearest(y, self.height))]))
+        Ok(self.draw(|[x, y]| image[(nearest(x, self.source.0), nearest(y, self.source.1))]))
     }
 
     fn draw<T: Clone + Default>(&self, pixel: impl Fn([f32; 2]) -> T) -> Image<T> {
@@ -114,10 +138,94 @@ impl Undistortion {
     }
 }
 
+/// Returns the focal lengths and the principal point of a camera.
+fn optics(camera: &Intrinsics) -> (DVec2, DVec2) {
+    (dvec2(camera.fx.into(), camera.fy.into()), dvec2(camera.cx.into(), camera.cy.into()))
+}
+
+/// Returns a pinhole camera with the focal lengths of a distorted one that sees all of its image, as far as twice its size
+/// suffices.
+fn whole_view(camera: &Intrinsics, distortion: &Distortion) -> Intrinsics {
+    let (focal, center) = optics(camera);
+    let last = dvec2(camera.width as f64, camera.height as f64) - 1.0;
+    let room = (last + 1.0) * MAX_WIDENING;
+    let (mut low, mut high) = (DVec2::ZERO, last);
+    for place in 0..=BORDER_PLACES {
+        let along = last * (place as f64 / BORDER_PLACES as f64);
+        for pixel in [dvec2(along.x, 0.0), dvec2(along.x, last.y), dvec2(0.0, along.y), dvec2(last.x, along.y)] {
+            // Nothing is seen where the lens shows nothing.
+            if let Some(point) = distortion.undistort((pixel - center) / focal) {
+                let seen = (point * focal + center).clamp(-room, last + room);
+                (low, high) = (low.min(seen), high.max(seen));
+            }
+        }
+    }
+    let (low, high) = (low.floor(), high.ceil());
+    let (size, center) = (high - low + 1.0, center - low);
+    Intrinsics { cx: center.x as f32, cy: center.y as f32, width: size.x as usize, height: size.y as usize, ..*camera }
+}
+
 /// Splits a position inside the image into the pixel at or before it and the remainder, 0 to 1. Positions are clamped
 /// to the edge.
 fn split(at: f32, len: usize) -> (usize, f32) {
     let at = at.clamp(0.0, (len - 1) as f32);
     let before = at.floor();
     (before as usize, at - before)
+}
+
+/// A camera whose images are undistorted before they are used.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Camera {
+    pub(crate) intrinsics: Intrinsics,
+    pub(crate) distortion: Distortion,
+}
+
+impl Camera {
+    /// Creates a camera whose lens does not distort. `path` is named in errors.
+    pub(crate) fn pinhole(intrinsics: Intrinsics, path: &Path) -> Result<Self, DatasetError> {
+        let valid = intrinsics.validated();
+        let intrinsics = valid.map_err(|source| DatasetError::Intrinsics { path: path.to_owned(), source })?;
+        Ok(Self { intrinsics, distortion: Distortion::None })
+    }
+}
+
+/// Undistortion map of the last camera used. Usually there is only one.
+#[derive(Debug, Default)]
+pub(crate) struct UndistortionCache {
+    last: Mutex<Option<(Camera, Undistorted)>>,
+    /// True if all that the lens shows is drawn; otherwise the image keeps its size.
+    is_whole: bool,
+}
+
+/// The camera of undistorted images, and the map to them; `None` if its lens does not distort.
+#[derive(Clone, Debug)]
+pub(crate) struct Undistorted {
+    pub(crate) camera: Intrinsics,
+    pub(crate) map: Option<Arc<Undistortion>>,
+}
+
+impl UndistortionCache {
+    /// Creates one of images of which all that the lens shows is drawn.
+    pub(crate) fn whole() -> Self {
+        Self { is_whole: true, ..Self::default() }
+    }
+
+    /// Returns how the images of a camera are undistorted. `path` is named in errors.
+    pub(crate) fn get(&self, camera: &Camera, path: &Path) -> Result<Undistorted, DatasetError> {
+        let Camera { intrinsics, distortion } = camera;
+        if *distortion == Distortion::None {
+            return Ok(Undistorted { camera: *intrinsics, map: None });
+        }
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((known, undistorted)) = last.as_ref()
+            && known == camera
+        {
+            return Ok(undistorted.clone());
+        }
+        let target = if self.is_whole { whole_view(intrinsics, distortion) } else { *intrinsics };
+        let map = Undistortion::to_camera((intrinsics, distortion), &target, path)?.map(Arc::new);
+        let undistorted = Undistorted { camera: target, map };
+        *last = Some((*camera, undistorted.clone()));
+        Ok(undistorted)
+    }
 }

@@ -6,10 +6,8 @@ use crate::formats::FILES;
 use std::io::Read;
 use std::path::Path;
 
-/// Azure Kinect's tags and attachments come before the images.
-const HEAD_BYTES: u64 = 1 << 20;
-/// Start of the names of Azure Kinect's tags.
-const KINECT_TAG: &[u8] = b"K4A_";
+/// So much of a file is read.
+const HEAD_BYTES: u64 = 64;
 /// So many bytes of an unknown file are shown.
 const SHOWN_BYTES: usize = 16;
 
@@ -60,14 +58,5 @@ fn video_error(path: &Path, head: &[u8]) -> Option<DatasetError> {
     let is_mp4 = head.get(4..8) == Some(b"ftyp");
     let is_matroska = head.starts_with(&[0x1A, 0x45, 0xDF, 0xA3]);
     let is_avi = head.starts_with(b"RIFF") && head.get(8..12) == Some(b"AVI ");
-    if is_matroska && head.windows(KINECT_TAG.len()).any(|window| window == KINECT_TAG) {
-        return Some(DatasetError::Field {
-            path: path.to_owned(),
-            field: "format".to_owned(),
-            found: "a recording of Azure Kinect, which is not read yet".to_owned(),
-            expected: "its colour and depth, registered, as a folder (docs/FOLDER_FORMAT.md), or a recording of its ROS driver"
-                .to_owned(),
-        });
-    }
     (is_mp4 || is_matroska || is_avi).then(|| DatasetError::PlainVideo { path: path.to_owned() })
 }

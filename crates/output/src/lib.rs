@@ -17,7 +17,7 @@ mod run_output;
 
 pub use coco::CocoFile;
 pub use error::{OutputError, write_atomically, write_unsynced};
-pub use mcap_file::{McapFile, SceneCounts, SceneRecording, StreamRecording};
+pub use mcap_file::{Compression, McapFile, SceneCounts, SceneRecording, StreamRecording};
 pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
 pub use page::{MapData, Page, UpEstimate, VIEWER_SCRIPT, encode_ids, live_page, map_data, reduce_ids};

@@ -4,8 +4,9 @@ use crate::digits::{DIGIT_HEIGHT, decimal_digits, text_pixels, text_width};
 use crate::{OutputError, write_unsynced};
 use image::ExtendedColorType;
 use image::codecs::jpeg::JpegEncoder;
-use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap, flood_fill};
+use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap};
 use std::cmp::Reverse;
+use std::ops::Range;
 use std::path::Path;
 
 const JPEG_QUALITY: u8 = 90;
@@ -53,26 +54,33 @@ pub fn write_overlay_jpeg(
     segments: &SegmentMap,
 ) -> Result<(), OutputError> {
     let overlay = draw_overlay(color, segments)?;
-    let bytes: Vec<u8> = overlay.pixels().iter().flatten().copied().collect();
     let mut encoded = Vec::new();
     JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
-        .encode(&bytes, overlay.width() as u32, overlay.height() as u32, ExtendedColorType::Rgb8)
+        .encode(
+            overlay.pixels().as_flattened(),
+            overlay.width() as u32,
+            overlay.height() as u32,
+            ExtendedColorType::Rgb8,
+        )
         .map_err(|source| OutputError::Encode { path: path.to_owned(), source })?;
     write_unsynced(path, &encoded)
 }
 
 fn draw(mut image: Image<[u8; 3]>, segments: &SegmentMap) -> Image<[u8; 3]> {
     let (width, height) = segments.size();
-    for row in 0..height {
-        for column in 0..width {
-            let id = segments[(column, row)];
-            let right = segments[((column + 1).min(width - 1), row)];
-            let below = segments[(column, (row + 1).min(height - 1))];
-            let pixel = &mut image[(column, row)];
-            if id != right || id != below {
+    let mut last = (0, segment_color(0));
+    for (row, pixels) in image.pixels_mut().chunks_mut(width.max(1)).enumerate() {
+        let ids = segments.row(row);
+        let below = segments.row((row + 1).min(height - 1));
+        for (column, pixel) in pixels.iter_mut().enumerate() {
+            let id = ids[column];
+            if id != ids[(column + 1).min(width - 1)] || id != below[column] {
                 *pixel = [255; 3];
             } else if id != 0 {
-                *pixel = blended(*pixel, segment_color(id));
+                if last.0 != id {
+                    last = (id, segment_color(id));
+                }
+                *pixel = blended(*pixel, last.1);
             }
         }
     }
@@ -100,17 +108,10 @@ struct LabelSpot {
 
 /// The innermost pixel of every connected part of a segment that is large enough to be numbered.
 fn label_spots(segments: &SegmentMap) -> Vec<LabelSpot> {
-    let (width, height) = segments.size();
+    let width = segments.width();
     let clearance = border_distances(segments);
-    let mut visited = vec![false; width * height];
     let mut spots = Vec::new();
-    for start in 0..width * height {
-        let id = segments.pixels()[start];
-        if id == 0 || visited[start] {
-            continue;
-        }
-        let part = flood_fill(start, (width, height), &mut visited, |index| segments.pixels()[index] == id);
-        let innermost = part.into_iter().max_by_key(|index| (clearance[*index], Reverse(*index))).unwrap_or(start);
+    for (id, innermost) in parts(segments, &clearance) {
         let side = 2 * clearance[innermost] as usize - 1;
         if let Some((dot, _)) = ROOM_FOR_TEXT.iter().find(|(_, room)| side >= *room) {
             spots.push(LabelSpot { id, center: (innermost % width, innermost / width), dot: *dot });
@@ -119,35 +120,117 @@ fn label_spots(segments: &SegmentMap) -> Vec<LabelSpot> {
     spots
 }
 
+/// Pixels of a row with one id that lie side by side.
+struct Run {
+    columns: Range<usize>,
+    id: SegmentId,
+    /// The run that stands for its part so far; a run that stands for its part has its own number.
+    part: usize,
+    /// Of the part's pixels, the first one with the greatest clearance, row-major, if this run stands for the part.
+    innermost: usize,
+}
+
+/// The connected parts of all segments, by their first pixel: the id of each, and the first of its pixels with the greatest
+/// clearance.
+fn parts(segments: &SegmentMap, clearance: &[u16]) -> Vec<(SegmentId, usize)> {
+    let width = segments.width();
+    let mut runs: Vec<Run> = Vec::new();
+    let mut above = 0..0;
+    for row in 0..segments.height() {
+        let first = runs.len();
+        let mut column = 0;
+        for pixels in segments.row(row).chunk_by(|one, next| one == next) {
+            let (id, columns) = (pixels[0], column..column + pixels.len());
+            column = columns.end;
+            if id == 0 {
+                continue;
+            }
+            let pixels = row * width + columns.start..row * width + columns.end;
+            let innermost = pixels.max_by_key(|index| (clearance[*index], Reverse(*index))).unwrap_or_default();
+            let own = runs.len();
+            runs.push(Run { columns: columns.clone(), id, part: own, innermost });
+            while above.start < above.end && runs[above.start].columns.end <= columns.start {
+                above.start += 1;
+            }
+            for index in above.clone() {
+                if runs[index].columns.start >= columns.end {
+                    break;
+                }
+                if runs[index].id == id {
+                    join(&mut runs, index, own, clearance);
+                }
+            }
+        }
+        above = first..runs.len();
+    }
+    let stands_for_part = runs.iter().enumerate().filter(|(index, run)| run.part == *index);
+    stands_for_part.map(|(_, run)| (run.id, run.innermost)).collect()
+}
+
+/// Makes one part of those of two runs; the earlier run stands for it.
+fn join(runs: &mut [Run], one: usize, other: usize, clearance: &[u16]) {
+    let (one, other) = (part_of(runs, one), part_of(runs, other));
+    let (first, second) = (one.min(other), one.max(other));
+    runs[second].part = first;
+    let places = [runs[first].innermost, runs[second].innermost];
+    runs[first].innermost =
+        places.into_iter().max_by_key(|index| (clearance[*index], Reverse(*index))).unwrap_or_default();
+}
+
+/// The run that stands for the part of a run.
+fn part_of(runs: &mut [Run], mut run: usize) -> usize {
+    while runs[run].part != run {
+        runs[run].part = runs[runs[run].part].part;
+        run = runs[run].part;
+    }
+    run
+}
+
 /// For each pixel, row-major, the chessboard distance (at least 1) to the nearest pixel of another segment or outside
 /// the image. Two passes: down from the pixels above and left, up from those below and right.
-fn border_distances(segments: &SegmentMap) -> Vec<u32> {
+fn border_distances(segments: &SegmentMap) -> Vec<u16> {
     let (width, height) = segments.size();
-    let mut distances = vec![u32::MAX; width * height];
-    let mut relax = |column: usize, row: usize, steps: [(isize, isize); 4]| {
-        let id = segments[(column, row)];
-        let mut distance = distances[row * width + column];
-        for (across, down) in steps {
-            let inside = column.checked_add_signed(across).zip(row.checked_add_signed(down));
-            let beyond = match inside.filter(|(column, row)| *column < width && *row < height) {
-                Some(at) if segments[at] == id => distances[at.1 * width + at.0],
-                _ => 0,
-            };
-            distance = distance.min(beyond.saturating_add(1));
-        }
-        distances[row * width + column] = distance;
-    };
+    let mut distances = vec![u16::MAX; width * height];
+    let outside = (vec![OUTSIDE; width], vec![0; width]);
     for row in 0..height {
-        for column in 0..width {
-            relax(column, row, [(-1, 0), (-1, -1), (0, -1), (1, -1)]);
-        }
+        let (before, rest) = distances.split_at_mut(row * width);
+        let (ids, near) = match row.checked_sub(1) {
+            Some(above) => (segments.row(above), &before[above * width..]),
+            None => (outside.0.as_slice(), outside.1.as_slice()),
+        };
+        let row = segments.row(row).iter().zip(&mut rest[..width]);
+        relax(row, ids.iter().zip(near));
     }
     for row in (0..height).rev() {
-        for column in (0..width).rev() {
-            relax(column, row, [(1, 0), (1, 1), (0, 1), (-1, 1)]);
-        }
+        let (rest, after) = distances.split_at_mut((row + 1) * width);
+        let (ids, near) = match row + 1 < height {
+            true => (segments.row(row + 1), &after[..width]),
+            false => (outside.0.as_slice(), outside.1.as_slice()),
+        };
+        let row = segments.row(row).iter().zip(&mut rest[row * width..]);
+        relax(row.rev(), ids.iter().zip(near).rev());
     }
     distances
+}
+
+/// No segment has this id.
+const OUTSIDE: SegmentId = SegmentId::MAX;
+
+/// Limits the distances of a row, with its ids, by those of the row `near` it, and of the pixels before.
+fn relax<'a>(
+    row: impl Iterator<Item = (&'a SegmentId, &'a mut u16)>,
+    mut near: impl Iterator<Item = (&'a SegmentId, &'a u16)>,
+) {
+    let mut next = || near.next().map_or((OUTSIDE, 0), |(id, distance)| (*id, *distance));
+    let (mut before, mut near_before, mut near_here) = ((OUTSIDE, 0), (OUTSIDE, 0), next());
+    for (id, distance) in row {
+        let near_after = next();
+        let beyond = |(other, distance): (SegmentId, u16)| if other == *id { distance } else { 0 };
+        let nearest = beyond(before).min(beyond(near_before)).min(beyond(near_here)).min(beyond(near_after));
+        *distance = (*distance).min(nearest.saturating_add(1));
+        before = (*id, *distance);
+        (near_before, near_here) = (near_here, near_after);
+    }
 }
 
 /// White digits with a dark outline.

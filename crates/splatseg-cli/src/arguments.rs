@@ -160,6 +160,9 @@ pub struct RunArguments {
     /// Do not write index.html, the page that shows the results
     #[arg(long)]
     pub no_page: bool,
+    /// Do not write overlay/*.jpg, the frames with their objects drawn over them
+    #[arg(long)]
+    pub no_overlay: bool,
     /// Leave out the final pass, in which the map of the end decides the ids of all frames again: the results are what
     /// was known at the time of each frame
     #[arg(long)]
@@ -171,12 +174,14 @@ impl RunArguments {
     pub fn settings(&self) -> Result<Settings, Failure> {
         let strict_input = self.strict_input.then(|| "true".to_owned());
         let page = self.no_page.then(|| "false".to_owned());
+        let overlay = self.no_overlay.then(|| "false".to_owned());
         let online = self.online.then(|| "true".to_owned());
         let options = [
             ("method", self.method.as_ref()),
             ("strict_input", strict_input.as_ref()),
             ("save_every", self.save_every.as_ref()),
             ("page", page.as_ref()),
+            ("overlay", overlay.as_ref()),
             ("online", online.as_ref()),
         ];
         let mut layers = SettingsLayers::default();

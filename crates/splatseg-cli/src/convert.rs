@@ -7,9 +7,9 @@ use super::output_folder::OverwritePolicy;
 use super::run::{ExtraFile, FileKind, SkippedFrames, StopSignals};
 use super::system_limits::no_thread;
 use super::terminal::counted;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use splatseg_dataset::{DatasetSettings, FrameSource, FrameStream, GroundTruth, Scene, open_scene};
-use splatseg_output::{SceneCounts, SceneRecording};
+use splatseg_output::{Compression, SceneCounts, SceneRecording};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -32,10 +32,31 @@ pub struct ConvertArguments {
     /// Replace a recording that splatseg wrote, once the new one is complete
     #[arg(long)]
     pub overwrite: bool,
+    /// Compression of the recording, besides that of the PNGs in it
+    #[arg(long, value_enum, value_name = "COMPRESSION", default_value_t = CompressionName::Lz4)]
+    pub compression: CompressionName,
     #[command(flatten)]
     pub dataset: DatasetOptions,
     #[arg(long, value_name = "SIZE")]
     pub memory_limit: Option<String>,
+}
+
+/// Names of compressions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum CompressionName {
+    /// For readers that know no other
+    None,
+    /// Chunks in LZ4
+    Lz4,
+}
+
+impl From<CompressionName> for Compression {
+    fn from(name: CompressionName) -> Self {
+        match name {
+            CompressionName::None => Self::None,
+            CompressionName::Lz4 => Self::Lz4,
+        }
+    }
 }
 
 /// Writes the recording.
@@ -47,7 +68,8 @@ pub fn convert(arguments: &ConvertArguments) -> Result<(), Failure> {
     let scene = open_scene(&arguments.scene, &settings).map_err(Failure::input)?;
     let stream = FrameStream::open(Arc::clone(&scene), &settings, GroundTruth::Skip).map_err(Failure::input)?;
     say_error!("{}", stream.description());
-    let counts = out.write(stream, &signals, scene.as_ref())?;
+    let recording = out.start(arguments.compression.into())?;
+    let counts = out.write(recording, (stream, scene.as_ref()), &signals)?;
     for note in notes(&counts) {
         say_error!("{note}");
     }
@@ -76,9 +98,17 @@ impl Output {
         self.0.path()
     }
 
+    fn start(&self, compression: Compression) -> Result<SceneRecording, Failure> {
+        SceneRecording::create(self.path(), compression).map_err(|error| self.failure(&error))
+    }
+
     /// Writes the frames of a scene. Those that cannot be read are left out, as in a run.
-    fn write(&self, stream: FrameStream, signals: &StopSignals, scene: &dyn Scene) -> Result<SceneCounts, Failure> {
-        let mut recording = SceneRecording::create(self.path()).map_err(|error| self.failure(&error))?;
+    fn write(
+        &self,
+        mut recording: SceneRecording,
+        (stream, scene): (FrameStream, &dyn Scene),
+        signals: &StopSignals,
+    ) -> Result<SceneCounts, Failure> {
         let mut skipped = SkippedFrames::default();
         for frame in stream {
             match frame {

@@ -16,8 +16,8 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub struct InspectArguments {
-    /// A checkpoint (.pt from Ultralytics or Meta, or .safetensors), a recording (.mcap, .db3, .bag, or a folder with one), or
-    /// a scene: a folder in any format of `run`, or a .sens file
+    /// A checkpoint (.pt from Ultralytics or Meta, or .safetensors), a recording (.mcap, .db3, .bag, .mkv of Azure Kinect, or a
+    /// folder with one), or a scene: a folder in any format of `run`, or a .sens file
     pub file: PathBuf,
     /// Also write the checkpoint as a .safetensors file, without a pickle; an existing file is not replaced
     #[arg(long, value_name = "FILE.safetensors")]

@@ -50,6 +50,8 @@ pub struct OutputFolder {
     earlier: BTreeSet<String>,
     /// The list of this run's files, once there are any.
     manifest: Option<Manifest>,
+    /// Whether overlays are written.
+    overlays: bool,
     // Dropped in this order, as only an empty folder can be removed.
     staging: Staging,
     _created: CreatedFolders,
@@ -77,13 +79,13 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Prepares the folder for the results of these frames. Earlier results stay until the first new ones are complete.
+    /// Prepares the folder for the results of these frames, with overlays or without. Earlier results stay until the first new ones are complete.
     /// If there are no new results, nothing is left behind.
     ///
     /// # Errors
     /// If the folder cannot be written, contains files in the place of results that no manifest lists, or is in use by
     /// another run.
-    pub fn prepare(path: &Path, existing: OverwritePolicy, frames: &[String]) -> Result<Self, Failure> {
+    pub fn prepare(path: &Path, existing: OverwritePolicy, frames: &[String], overlays: bool) -> Result<Self, Failure> {
         Self::check(path, existing)?;
         for folder in folders() {
             refuse_other_than_folder(&path.join(folder))?;
@@ -98,7 +100,7 @@ impl OutputFolder {
             OverwritePolicy::Resume => Some(Manifest::resume(path, &earlier).map_err(unusable)?),
             _ => None,
         };
-        Ok(Self { path: path.to_owned(), earlier, manifest, staging, _created: created })
+        Ok(Self { path: path.to_owned(), earlier, manifest, overlays, staging, _created: created })
     }
 
     /// Returns true if `path` may be a result in the folder `out`. Symbolic links must be resolved in both.
@@ -134,13 +136,16 @@ impl OutputFolder {
         let [segments, overlay] = result_files(&frame.file_name);
         write_segments_png(&place(&self.staging.path, &segments), &frame.segments)
             .map_err(|error| self.error_in_place(&segments, error.into()))?;
-        write_overlay_jpeg(&place(&self.staging.path, &overlay), frame.frame.color(), &frame.segments)
-            .map_err(|error| self.error_in_place(&overlay, error))?;
+        if self.overlays {
+            write_overlay_jpeg(&place(&self.staging.path, &overlay), frame.frame.color(), &frame.segments)
+                .map_err(|error| self.error_in_place(&overlay, error))?;
+        }
         if self.manifest.is_none() {
             self.remove_earlier()?;
             self.manifest = Some(Manifest::start(&self.path).map_err(|source| self.error(MANIFEST, source))?);
         }
-        self.put_in_place(&[&segments, &overlay])
+        let written = [segments.as_str(), &overlay];
+        self.put_in_place(&written[..if self.overlays { 2 } else { 1 }])
     }
 
     /// Writes the id image of an earlier frame again. `file` is its path relative to the folder.
@@ -153,7 +158,7 @@ impl OutputFolder {
         self.replace(file)
     }
 
-    /// Writes the overlay of an earlier frame again. `file` is its path relative to the folder.
+    /// Writes the overlay of an earlier frame again, if overlays are written. `file` is its path relative to the folder.
     ///
     /// # Errors
     /// If it cannot be written. The earlier overlay stays.
@@ -163,6 +168,9 @@ impl OutputFolder {
         color: &CowImage<'_, [u8; 3]>,
         segments: &SegmentMap,
     ) -> Result<(), OutputError> {
+        if !self.overlays {
+            return Ok(());
+        }
         write_overlay_jpeg(&place(&self.staging.path, file), color, segments)
             .map_err(|error| self.error_in_place(file, error))?;
         self.replace(file)

@@ -4,6 +4,7 @@
 //! - [`room`], [`truth`] and [`recording`]: the synthetic room.
 //! - [`demo_clip`] and [`copy_demo_clip`]: the clip of `splatseg demo`, a scene on disk.
 //! - [`file_names`] and [`file_contents`]: what a test has written.
+//! - [`without_chunks`]: an MCAP file without its chunks.
 //! - [`shared`], [`shared_folder`] and [`skipped`]: data that not everybody has, and tests that are skipped without.
 //!
 //! Only integration tests, examples and benchmarks may use this crate. It depends on `splatseg-dataset`; in that crate's
@@ -12,11 +13,13 @@
 mod demo_clip;
 mod files;
 mod grey_frames;
+mod mcap_files;
 mod rooms;
 mod shared_data;
 
 pub use demo_clip::{copy_demo_clip, demo_clip};
 pub use files::{file_contents, file_names};
 pub use grey_frames::{camera, grey_frame, wall};
+pub use mcap_files::without_chunks;
 pub use rooms::{recording, room, truth};
 pub use shared_data::{shared, shared_folder, skipped};

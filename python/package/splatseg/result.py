@@ -46,7 +46,8 @@ class StepResult:
     name: str | None
     """The frame's name, if given."""
     regions: NDArray[np.uint32] | None = field(default=None, repr=False)
-    """The segmenter's finer cut, ``(height, width)``: pixels of a region lie in one object. ``None`` if it has none."""
+    """The segmenter's finer cut, ``(height, width)``: pixels of a region lie in one object. Of a frame larger than
+    ``working_pixels`` it has the resolution at which that was processed. ``None`` if there is none."""
     _masks: NDArray[np.bool_] | None = field(default=None, repr=False)
     _depth_scale: float | None = field(default=None, repr=False)
 

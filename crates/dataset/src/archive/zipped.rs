@@ -2,6 +2,7 @@
 
 use crate::DatasetError;
 use crate::files::open_file;
+use splatseg_files::MemoryLimit;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -13,6 +14,14 @@ const MAX_MEMBER_BYTES: u64 = 32 << 20;
 /// Maximum length of the end of a zip file that can contain its directory's end record: 22 bytes, a zip64 locator of 20
 /// bytes, and a comment of up to 65535.
 const TAIL_BYTES: u64 = 22 + 20 + 65_535;
+/// Length of the record with the 64-bit counts of a directory.
+const ZIP64_END_BYTES: usize = 56;
+/// Least length of a member's entry in the directory.
+const MEMBER_BYTES: u64 = 46;
+/// Memory that the list takes for each member, about.
+const MEMBER_MEMORY: u64 = 512;
+/// Divisor of the memory limit that gives the limit of the list.
+const MEMORY_PART: u64 = 4;
 
 /// A zip file whose images can be read individually, from any thread.
 #[derive(Debug)]
@@ -26,13 +35,19 @@ impl ZippedImages {
     pub(crate) fn open(path: &Path) -> Result<Self, DatasetError> {
         let io_error = |source| DatasetError::Io { path: path.to_owned(), source };
         let mut file = open_file(path)?;
-        if has_zip64_directory(&mut file).map_err(io_error)? {
-            return Err(DatasetError::Field {
-                path: path.to_owned(),
-                field: "directory".to_owned(),
-                found: "a zip64 directory".to_owned(),
-                expected: "a plain one: at most 65535 images and 4 GiB".to_owned(),
-            });
+        if let Some(members) = zip64_members(&mut file).map_err(io_error)? {
+            let most = MemoryLimit::in_force() / MEMORY_PART / MEMBER_MEMORY;
+            if members > most {
+                return Err(DatasetError::Field {
+                    path: path.to_owned(),
+                    field: "zip64 directory".to_owned(),
+                    found: match members {
+                        u64::MAX => "no number of members".to_owned(),
+                        members => format!("{members} members"),
+                    },
+                    expected: format!("at most {most}, for which there is memory"),
+                });
+            }
         }
         let archive = ZipArchive::new(file)
             .map_err(|error| DatasetError::Archive { path: path.to_owned(), source: error.into() })?;
@@ -71,13 +86,29 @@ impl ZippedImages {
     }
 }
 
-/// Returns true if the file ends with a zip64 directory, whose 64-bit counts could claim far more memory than the file
-/// justifies. A plain directory counts to 65535.
-fn has_zip64_directory(file: &mut File) -> std::io::Result<bool> {
+/// Returns the number of members that a zip64 directory at the end of the file states: `u64::MAX` if it states none or more
+/// than the file has room for; `None` if there is no such directory. A plain one counts to 65535.
+fn zip64_members(file: &mut File) -> std::io::Result<Option<u64>> {
     let len = file.seek(SeekFrom::End(0))?;
     file.seek(SeekFrom::Start(len.saturating_sub(TAIL_BYTES)))?;
     let mut tail = Vec::new();
     file.take(TAIL_BYTES).read_to_end(&mut tail)?;
     // The 20 bytes of the zip64 locator come right before the end record.
-    Ok(tail.windows(24).any(|window| window[..4] == *b"PK\x06\x07" && window[20..] == *b"PK\x05\x06"))
+    let locators =
+        tail.windows(24).filter(|window| window.starts_with(b"PK\x06\x07") && window.ends_with(b"PK\x05\x06"));
+    let mut most = None;
+    for locator in locators {
+        let mut record = [0; ZIP64_END_BYTES];
+        file.seek(SeekFrom::Start(number(locator, 8).min(len)))?;
+        let is_record = file.read_exact(&mut record).is_ok() && record.starts_with(b"PK\x06\x06");
+        let members = number(&record, 32);
+        let fits = members.checked_mul(MEMBER_BYTES).is_some_and(|bytes| bytes <= len);
+        most = most.max(Some(if is_record && fits { members } else { u64::MAX }));
+    }
+    Ok(most)
+}
+
+/// A little-endian number of eight bytes; 0 beyond the end.
+fn number(bytes: &[u8], at: usize) -> u64 {
+    bytes.get(at..).and_then(|rest| rest.first_chunk()).map_or(0, |bytes| u64::from_le_bytes(*bytes))
 }

@@ -17,12 +17,11 @@ use crate::resample::{ImageMap, resample_color, resample_depth};
 use crate::ros_topics::cameras::has_shape;
 use crate::ros_topics::reader::RegisteredImages;
 use crate::scene::{FramePart, FrameParts, LeftOut, entry};
-use crate::undistort::Undistortion;
+use crate::undistort::{Camera, UndistortionCache};
 use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use glam::DVec3;
-use splatseg_geometry::{Distortion, Image, Intrinsics, Pose, SegmentMap};
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use splatseg_geometry::{Image, Intrinsics, Pose, SegmentMap};
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// A frame of a list.
@@ -34,28 +33,13 @@ pub(crate) struct ListedFrame {
     pub(crate) color: PathBuf,
     pub(crate) depth: PathBuf,
     pub(crate) confidence: Option<PathBuf>,
-    pub(crate) camera: ListedCamera,
+    /// The camera of colour. Images may have another resolution than that of its intrinsics.
+    pub(crate) camera: Camera,
     /// As in this project; `None` if tracking was lost.
     pub(crate) world_from_camera: Option<Pose>,
     /// Where the pose and the camera are stated, for messages.
     pub(crate) pose_place: PathBuf,
     pub(crate) camera_place: PathBuf,
-}
-
-/// The camera of colour images. They may have another resolution than that of its intrinsics.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ListedCamera {
-    pub(crate) intrinsics: Intrinsics,
-    pub(crate) distortion: Distortion,
-}
-
-impl ListedCamera {
-    /// Creates a camera without distortion. `place` is named in errors.
-    pub(crate) fn pinhole(intrinsics: Intrinsics, place: &Path) -> Result<Self, DatasetError> {
-        let valid = intrinsics.validated();
-        let intrinsics = valid.map_err(|source| DatasetError::Intrinsics { path: place.to_owned(), source })?;
-        Ok(Self { intrinsics, distortion: Distortion::None })
-    }
 }
 
 /// The frames that a format has listed, and how to read them.
@@ -77,7 +61,7 @@ pub(crate) struct FrameListScene {
     poses: PoseCoverage,
     own_camera: Option<OwnCamera>,
     world_up: Option<DVec3>,
-    undistortions: [LastUndistortion; 2],
+    undistortions: [UndistortionCache; 2],
 }
 
 impl FrameListScene {
@@ -132,14 +116,14 @@ impl FrameListScene {
             });
         }
         let distortion = frame.camera.distortion;
-        let lens = |size| ListedCamera { intrinsics: scaled(camera, size), distortion };
+        let lens = |size| Camera { intrinsics: scaled(camera, size), distortion };
         let [of_color, of_depth] = &self.undistortions;
-        if let Some(map) = of_color.get(&lens(color.size()), &frame.camera_place)? {
+        if let Some(map) = of_color.get(&lens(color.size()), &frame.camera_place)?.map {
             color = map.color(&color, &frame.color)?;
         }
         // One map serves both where they have one size.
         let of_depth = if depth.size() == color.size() { of_color } else { of_depth };
-        if let Some(map) = of_depth.get(&lens(depth.size()), &frame.camera_place)? {
+        if let Some(map) = of_depth.get(&lens(depth.size()), &frame.camera_place)?.map {
             depth = map.depth(&depth, &frame.depth)?;
         }
         let (color, depth) = at_one_size(color, depth);
@@ -164,30 +148,6 @@ fn at_one_size(color: Image<[u8; 3]>, depth: Image<f32>) -> (Image<[u8; 3]>, Ima
     } else {
         let depth = resample_depth(&depth, &ImageMap::resize(to, from));
         (color, depth)
-    }
-}
-
-/// The undistortion map of the last camera used: usually there is only one.
-#[derive(Debug, Default)]
-struct LastUndistortion {
-    last: Mutex<Option<(ListedCamera, Option<Arc<Undistortion>>)>>,
-}
-
-impl LastUndistortion {
-    /// Returns the map of a camera; `None` if its lens does not distort. `place` is named in errors.
-    fn get(&self, camera: &ListedCamera, place: &Path) -> Result<Option<Arc<Undistortion>>, DatasetError> {
-        if camera.distortion == Distortion::None {
-            return Ok(None);
-        }
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((known, map)) = last.as_ref()
-            && known == camera
-        {
-            return Ok(map.clone());
-        }
-        let map = Undistortion::new(&camera.intrinsics, &camera.distortion, place)?.map(Arc::new);
-        *last = Some((*camera, map.clone()));
-        Ok(map)
     }
 }
 

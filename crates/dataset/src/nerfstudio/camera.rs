@@ -2,7 +2,7 @@
 
 use crate::decode::image_size;
 use crate::error::COLOR_IMAGE;
-use crate::frame_list::ListedCamera;
+use crate::undistort::Camera;
 use crate::{DatasetError, text::shortened};
 use serde::Deserialize;
 use splatseg_geometry::{Distortion, Intrinsics};
@@ -64,7 +64,7 @@ impl<'a> CameraReader<'a> {
 
     /// Returns the camera of a frame. `color` is its image, whose size counts if none is stated, and `place` is named in
     /// errors.
-    pub(super) fn camera(&self, own: &CameraFields, color: &Path, place: &Path) -> Result<ListedCamera, DatasetError> {
+    pub(super) fn camera(&self, own: &CameraFields, color: &Path, place: &Path) -> Result<Camera, DatasetError> {
         let value = |of: fn(&CameraFields) -> Option<f64>| of(self.global).or(of(own));
         let size = match (value(|camera| camera.w), value(|camera| camera.h)) {
             (Some(width), Some(height)) => (side(width, "w", place)?, side(height, "h", place)?),
@@ -83,8 +83,8 @@ impl<'a> CameraReader<'a> {
         let cy = value(|camera| camera.cy).unwrap_or(size.1 as f64 / 2.0) - 0.5;
         let [fx, fy, cx, cy] = [fx, fy, cx, cy].map(|number| number as f32);
         let intrinsics = Intrinsics { fx, fy, cx, cy, width: size.0, height: size.1 };
-        let camera = ListedCamera::pinhole(intrinsics, place)?;
-        Ok(ListedCamera { distortion: self.distortion(own, place)?, ..camera })
+        let camera = Camera::pinhole(intrinsics, place)?;
+        Ok(Camera { distortion: self.distortion(own, place)?, ..camera })
     }
 
     fn distortion(&self, own: &CameraFields, place: &Path) -> Result<Distortion, DatasetError> {

@@ -26,11 +26,13 @@ pub(crate) enum Container {
     Db3,
     /// A bag of ROS 1, version 2.0.
     Bag,
+    /// Matroska, as the recorder of Azure Kinect writes it.
+    Mkv,
 }
 
 impl Container {
     /// In the order in which they are looked for.
-    pub(crate) const ALL: [Self; 3] = [Self::Mcap, Self::Db3, Self::Bag];
+    pub(crate) const ALL: [Self; 4] = [Self::Mcap, Self::Db3, Self::Bag, Self::Mkv];
 
     /// Endings of the names of its files, the usual one first.
     pub(crate) fn endings(self) -> &'static [&'static str] {
@@ -39,6 +41,7 @@ impl Container {
             Self::Db3 => &[".db3"],
             // rosbag names a bag so until it is closed.
             Self::Bag => &[".bag", ".bag.active"],
+            Self::Mkv => &[".mkv"],
         }
     }
 
@@ -48,6 +51,7 @@ impl Container {
             Self::Mcap => "a file <recording>.mcap, or <recording>.mcap.zstd",
             Self::Db3 => "a file <recording>.db3, or <recording>.db3.zstd",
             Self::Bag => "a file <recording>.bag",
+            Self::Mkv => "a file <recording>.mkv of Azure Kinect or Orbbec Femto",
         }
     }
 
@@ -64,6 +68,10 @@ impl Container {
             Self::Bag => {
                 "the same of ROS 1: a file recording.bag, also with chunks in lz4 or bz2, or a folder with one"
             }
+            Self::Mkv => {
+                "a recording of Azure Kinect or Orbbec Femto: a file recording.mkv with the tracks COLOR and DEPTH and the \
+                 device's calibration, as k4arecorder writes it, or a folder with one"
+            }
         }
     }
 
@@ -73,6 +81,7 @@ impl Container {
             Self::Mcap => "MCAP",
             Self::Db3 => "SQLite of rosbag2",
             Self::Bag => "bag of ROS 1",
+            Self::Mkv => "Matroska of Azure Kinect or Orbbec Femto",
         }
     }
 
@@ -81,6 +90,7 @@ impl Container {
             Self::Mcap => Format::Mcap,
             Self::Db3 => Format::Db3,
             Self::Bag => Format::Bag,
+            Self::Mkv => Format::Mkv,
         }
     }
 }
@@ -120,6 +130,10 @@ pub(super) trait RecordSink {
     /// A topic. Of several with one number, the first counts.
     fn channel(&mut self, channel: &Channel<'_>) -> Result<(), DatasetError>;
     fn message(&mut self, message: &FoundMessage<'_>) -> Result<(), DatasetError>;
+    /// Returns false if the headers of images and their first bytes are enough.
+    fn needs_images(&self) -> bool {
+        true
+    }
 }
 
 /// Unpacks messages that rosbag2 has compressed one by one, and counts what a file unpacks to.

@@ -1,7 +1,7 @@
 //! Recordings of ROS messages, as written by cameras and robots: images, camera infos, transforms and poses.
 //!
 //! Three containers hold them: MCAP (`mcap/`), SQLite (`sqlite/`) and the bags of ROS 1 (`bag/`), whose messages are
-//! converted to CDR. Each reader passes on topics and messages in order (`container.rs`), and reads a message again by its
+//! converted to CDR. The tracks of an Azure Kinect's Matroska (`mkv/`) become such messages, too. Each reader passes on topics and messages in order (`container.rs`), and reads a message again by its
 //! place (`recorded_file.rs`). All that follows is the same for them. What RealSense's SDK says in messages of its own is
 //! translated on the way (`realsense.rs`).
 //!
@@ -15,6 +15,7 @@ mod chunks;
 mod container;
 mod mcap;
 mod messages;
+mod mkv;
 mod realsense;
 mod recorded_file;
 mod recorded_topics;
@@ -45,7 +46,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// A recording of ROS messages in a file of MCAP, SQLite or ROS 1, or in several into which rosbag2 has split it.
+/// A recording of ROS messages in a file of MCAP, SQLite or ROS 1, or of Azure Kinect in Matroska, or in several files into which rosbag2 has split it.
 ///
 /// Frames are those of the colour camera, undistorted and named by number. If depth is not registered to colour and has
 /// fewer pixels per degree, frames are downscaled to the resolution of depth.
@@ -101,6 +102,7 @@ impl RecordingScene {
         settings: &DatasetSettings,
     ) -> Result<Self, DatasetError> {
         let path = file.path().to_owned();
+        file.require_images(settings)?;
         let choice = Chooser { path: &path, contents, settings }.choose()?;
         warn_of_unreadable(&path, &choice);
         let maker = FrameMaker { path: &path, contents, settings, choice };

@@ -62,6 +62,10 @@ impl RecordSink for Translator<'_> {
         self.inner.hold(bytes)
     }
 
+    fn needs_images(&self) -> bool {
+        self.inner.needs_images()
+    }
+
     fn channel(&mut self, channel: &Channel<'_>) -> Result<(), DatasetError> {
         let translation = Some(channel).filter(|channel| channel.encoding == "cdr").and_then(translation);
         let type_name = translation.as_ref().map_or(channel.type_name, |translation| translation.type_name());

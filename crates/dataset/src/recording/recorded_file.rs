@@ -8,11 +8,11 @@ use super::chunked_files::{ChunkedFiles, MessageData};
 use super::container::{Container, RecordSink, Unpacking, max_message_bytes};
 use super::recording_parts::{OpenPart, RecordingParts};
 use super::sqlite::{self, Database};
-use super::{mcap, realsense, zstd};
-use crate::DatasetError;
+use super::{mcap, mkv, realsense, zstd};
 use crate::files::RandomAccessFile;
 use crate::ros_topics::contents::MessagePlace;
 use crate::ros_topics::frame_names::listed;
+use crate::{DatasetError, DatasetSettings};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -35,6 +35,7 @@ enum StoredMessages {
     Mcap(ChunkedFiles),
     Db3(Vec<Database>),
     Bag(ChunkedFiles, Connections),
+    Mkv(mkv::Recording),
 }
 
 /// A file of a recording while it is scanned.
@@ -69,6 +70,7 @@ impl RecordedFile {
             Container::Mcap => StoredMessages::Mcap(ChunkedFiles::new(path)),
             Container::Db3 => StoredMessages::Db3(Vec::new()),
             Container::Bag => StoredMessages::Bag(ChunkedFiles::new(path), Connections::default()),
+            Container::Mkv => StoredMessages::Mkv(mkv::Recording::new(path)),
         };
         let mut scanned = Self {
             path: path.clone(),
@@ -111,6 +113,7 @@ impl RecordedFile {
                 bag::scan(&mut file, (files, connections), sink)?;
                 files.add_file(start, RandomAccessFile::new(file.reader()?));
             }
+            StoredMessages::Mkv(recording) => mkv::scan(&mut file, recording, sink)?,
         }
         self.has_packed_messages |= file.unpacking.has_packed_messages;
         self.damage.extend(file.damage);
@@ -129,6 +132,25 @@ impl RecordedFile {
     /// Returns the damage to the files, one line each.
     pub(super) fn damage(&self) -> &[String] {
         &self.damage
+    }
+
+    /// Returns what the file says about the camera, for people; `None` if it says nothing.
+    pub(super) fn camera(&self) -> Option<&str> {
+        match &self.content {
+            StoredMessages::Mkv(recording) => recording.camera.as_deref(),
+            _ => None,
+        }
+    }
+
+    /// Checks that what the settings do not name is there, if the container says what that is.
+    ///
+    /// # Errors
+    /// [`DatasetError::Field`] says what is missing.
+    pub(super) fn require_images(&self, settings: &DatasetSettings) -> Result<(), DatasetError> {
+        match &self.content {
+            StoredMessages::Mkv(recording) => recording.require_images(&self.path, settings),
+            _ => Ok(()),
+        }
     }
 
     /// Returns how rosbag2 has compressed it; `None` if it has not.
@@ -159,6 +181,7 @@ impl RecordedFile {
                 let database = number.ok_or_else(|| changed("file of the recording", "none".to_owned()))?;
                 database.read(place)?.into()
             }
+            StoredMessages::Mkv(recording) => return recording.read(place),
             StoredMessages::Bag(files, connections) => {
                 let record = files.read(place)?;
                 return match connections.transcoded(&record) {

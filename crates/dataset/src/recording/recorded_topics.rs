@@ -31,6 +31,10 @@ impl RecordSink for RecordedTopics {
         self.contents.add_memory(bytes)
     }
 
+    fn needs_images(&self) -> bool {
+        false
+    }
+
     fn channel(&mut self, channel: &Channel<'_>) -> Result<(), DatasetError> {
         if !self.channels.contains_key(&channel.id) {
             let topic = self.contents.topic(channel.topic, channel.type_name, channel.encoding)?;

@@ -1,6 +1,7 @@
 //! The files of a recording: one, or several into which rosbag2 has split it, each of which may be compressed.
 
 use super::container::Container;
+use super::mkv;
 use super::zstd::{self, ZstdError};
 use crate::DatasetError;
 use crate::files::open_file;
@@ -35,7 +36,7 @@ impl RecordingParts {
     /// Returns true if a path has the name of a recording in a container, or is a folder containing some.
     pub(crate) fn looks_like(path: &Path, container: Container) -> bool {
         if !path.is_dir() {
-            return stem(path, container).is_some();
+            return is_recording(path, container);
         }
         !names_of_recordings(path, container).is_empty() || packed_otherwise(path, container).is_some()
     }
@@ -90,6 +91,11 @@ fn stem(path: &Path, container: Container) -> Option<String> {
     container.endings().iter().find_map(|ending| without(unpacked, ending))
 }
 
+/// Returns true if a file is a recording: by its name, or by its content if other videos have such names.
+fn is_recording(path: &Path, container: Container) -> bool {
+    if container == Container::Mkv { mkv::is_recording(path) } else { stem(path, container).is_some() }
+}
+
 /// Returns true if a name in lower case ends like those of a container.
 fn ends_with_one_of(name: &str, container: Container) -> bool {
     container.endings().iter().any(|ending| name.ends_with(ending))
@@ -99,7 +105,8 @@ fn ends_with_one_of(name: &str, container: Container) -> bool {
 fn names_of_recordings(folder: &Path, container: Container) -> Vec<OsString> {
     let stem_of = |name: &OsString| stem(Path::new(name), container);
     let names = all_names_in(folder).into_iter().filter(|name| folder.join(name).is_file());
-    let names: Vec<OsString> = names.filter(|name| stem_of(name).is_some()).collect();
+    let is_named = |name: &OsString| stem_of(name).is_some() && is_recording(&folder.join(name), container);
+    let names: Vec<OsString> = names.filter(is_named).collect();
     let is_plain = |name: &&OsString| ends_with_one_of(&name.to_string_lossy().to_ascii_lowercase(), container);
     let plain: Vec<Option<String>> = names.iter().filter(is_plain).map(stem_of).collect();
     names.iter().filter(|name| is_plain(name) || !plain.contains(&stem_of(name))).cloned().collect()
@@ -149,6 +156,10 @@ fn no_recording(folder: &Path, container: Container) -> DatasetError {
 
 /// Returns the first name in a folder of a recording that is compressed in an unknown way.
 fn packed_otherwise(folder: &Path, container: Container) -> Option<String> {
+    // What a compressed video is, its name does not say.
+    if container == Container::Mkv {
+        return None;
+    }
     let names = all_names_in(folder).into_iter().map(|name| name.to_string_lossy().into_owned());
     names.filter(|name| stem(Path::new(name), container).is_none() && folder.join(name).is_file()).find(|name| {
         let lower = name.to_ascii_lowercase();

@@ -14,7 +14,7 @@ use std::time::Duration;
 pub struct RecordingSummary {
     /// The file, or the folder of a recording in several files.
     pub path: PathBuf,
-    /// Its format: MCAP, SQLite or a bag of ROS 1.
+    /// Its format: MCAP, SQLite, a bag of ROS 1 or Matroska of Azure Kinect.
     pub format: Format,
     /// The name of the format for people.
     pub title: &'static str,
@@ -22,6 +22,8 @@ pub struct RecordingSummary {
     pub files: usize,
     /// How rosbag2 has compressed it, e.g. `zstd, each message`; `None` if it has not.
     pub compression: Option<&'static str>,
+    /// What the file says about the camera; `None` if it says nothing.
+    pub camera: Option<String>,
     /// Topics, in order of appearance.
     pub topics: Vec<RecordingTopic>,
     /// Damage to the file, one line each.
@@ -79,6 +81,7 @@ impl RecordingSummary {
         let RecordedTopics { mut contents, without_channel, .. } = recorded;
         contents.sort();
         let mut damage = file.damage().to_vec();
+        let camera = file.camera().map(str::to_owned);
         if without_channel > 0 {
             damage.push(format!("{}: {} messages belong to no topic", path.display(), without_channel));
         }
@@ -105,6 +108,6 @@ impl RecordingSummary {
                 left_out: scene.left_out().to_vec(),
             });
         let (format, title) = (recording.container.format(), recording.container.title());
-        Ok(Self { path, format, title, files, compression, topics, damage, scene })
+        Ok(Self { path, format, title, files, compression, camera, topics, damage, scene })
     }
 }

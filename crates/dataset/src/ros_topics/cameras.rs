@@ -2,12 +2,11 @@
 
 use crate::DatasetError;
 use crate::own_camera::OwnCamera;
-use crate::undistort::Undistortion;
+use crate::undistort::Camera;
 use glam::{DVec2, dvec2};
 use splatseg_geometry::{Distortion, Intrinsics};
 use splatseg_ros::CameraInfo;
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
 
 /// A camera info, without its header.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,13 +30,6 @@ pub(crate) struct ImageFacts {
     pub(crate) size: Option<(usize, usize)>,
     /// The camera of the settings.
     pub(crate) own: Option<OwnCamera>,
-}
-
-/// A camera whose image is undistorted before it is used.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Camera {
-    pub(crate) intrinsics: Intrinsics,
-    pub(crate) distortion: Distortion,
 }
 
 impl Calibration {
@@ -173,28 +165,4 @@ pub(crate) fn has_shape(one: (usize, usize), other: (usize, usize)) -> bool {
 /// Returns the largest of some numbers; infinity if one is NaN.
 fn largest(numbers: impl Iterator<Item = f64>) -> f64 {
     numbers.map(|number| if number.is_nan() { f64::INFINITY } else { number }).fold(0.0, f64::max)
-}
-
-/// Undistortion map of the last camera used. Usually there is only one.
-#[derive(Debug, Default)]
-pub(crate) struct UndistortionCache {
-    last: Mutex<Option<(Camera, Option<Arc<Undistortion>>)>>,
-}
-
-impl UndistortionCache {
-    /// Returns the map of a camera; `None` if its lens does not distort. `path` is named in errors.
-    pub(crate) fn get(&self, camera: &Camera, path: &Path) -> Result<Option<Arc<Undistortion>>, DatasetError> {
-        if camera.distortion == Distortion::None {
-            return Ok(None);
-        }
-        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((known, map)) = last.as_ref()
-            && known == camera
-        {
-            return Ok(map.clone());
-        }
-        let map = Undistortion::new(&camera.intrinsics, &camera.distortion, path)?.map(Arc::new);
-        *last = Some((camera.clone(), map.clone()));
-        Ok(map)
-    }
 }

@@ -11,7 +11,7 @@ use std::path::Path;
 
 /// Supported colour encodings, for messages.
 pub(crate) const COLOR_ENCODINGS: &str =
-    "rgb8, bgr8, rgba8, bgra8, mono8, yuv422 (uyvy), yuv422_yuy2 (yuyv), or CompressedImage with JPEG or PNG";
+    "rgb8, bgr8, rgba8, bgra8, mono8, yuv422 (uyvy), yuv422_yuy2 (yuyv), nv12, or CompressedImage with JPEG or PNG";
 /// Supported depth encodings, for messages.
 pub(crate) const DEPTH_ENCODINGS: &str =
     "16UC1, mono16, 32FC1, or CompressedImage with PNG of 16 bits or compressedDepth";
@@ -40,6 +40,8 @@ enum ColorEncoding {
     Bytes(usize, [usize; 3]),
     /// Two pixels in four bytes: offsets of both luma values, then of the two chroma values.
     Pairs([usize; 4]),
+    /// A plane of luma, then rows of both chroma values for every second row and column.
+    Planes,
 }
 
 fn color_encoding(encoding: &str) -> Option<ColorEncoding> {
@@ -51,6 +53,7 @@ fn color_encoding(encoding: &str) -> Option<ColorEncoding> {
         "mono8" => ColorEncoding::Bytes(1, [0, 0, 0]),
         "yuv422" | "uyvy" | "UYVY" => ColorEncoding::Pairs([1, 3, 0, 2]),
         "yuv422_yuy2" | "yuyv" | "YUYV" => ColorEncoding::Pairs([0, 2, 1, 3]),
+        "nv12" => ColorEncoding::Planes,
         _ => return None,
     })
 }
@@ -118,6 +121,7 @@ pub(crate) fn raw_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8
     let (width, row_bytes) = match encoding {
         ColorEncoding::Bytes(bytes, _) => (message.width as usize, (message.width as usize).saturating_mul(bytes)),
         ColorEncoding::Pairs(_) => (message.width as usize, (message.width as usize).div_ceil(2).saturating_mul(4)),
+        ColorEncoding::Planes => return planes_color(message, path),
     };
     let rows = rows(message, row_bytes, COLOR_IMAGE, path)?;
     let mut pixels = Vec::with_capacity(width * message.height as usize);
@@ -134,9 +138,31 @@ pub(crate) fn raw_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8
                 }
                 pixels.truncate(start + width);
             }
+            ColorEncoding::Planes => {}
         }
     }
     image_of(message, pixels, path)
+}
+
+/// Decodes a colour image in two planes (NV12).
+fn planes_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
+    let (width, height) = (message.width as usize, message.height as usize);
+    let luma = RawImage { data: message.data, ..message.clone() };
+    let luma: Vec<&[u8]> = rows(&luma, width, COLOR_IMAGE, path)?.collect();
+    let start = (message.step as usize).saturating_mul(height);
+    let chroma = RawImage {
+        width: message.width.div_ceil(2),
+        height: message.height.div_ceil(2),
+        data: message.data.get(start..).unwrap_or_default(),
+        ..message.clone()
+    };
+    let chroma: Vec<&[u8]> = rows(&chroma, width.div_ceil(2) * 2, COLOR_IMAGE, path)?.collect();
+    let at = |plane: &[&[u8]], row: usize, column: usize| plane.get(row).and_then(|row| row.get(column)).copied();
+    let pixels = (0..height).flat_map(|row| (0..width).map(move |column| (row, column))).map(|(row, column)| {
+        let [u, v] = [0, 1].map(|part| at(&chroma, row / 2, column / 2 * 2 + part).unwrap_or_default());
+        rgb_of(at(&luma, row, column).unwrap_or_default(), u, v)
+    });
+    image_of(message, pixels.collect(), path)
 }
 
 /// Decodes a depth image, metres. `path` is named in errors. Without `scale`, whole numbers are millimetres and others
@@ -295,6 +321,12 @@ mod tests {
                 assert!(pixel.iter().zip(rgb).all(|(a, b)| a.abs_diff(b) <= 1), "{yuv:?}: {pixel:?}, not {rgb:?}");
             }
         }
+        let planes = [[235, 235, 16, 16], [235, 235, 16, 16], [128, 128, 128, 128]].concat();
+        let nv12 = raw_color(&raw("nv12", (4, 2), 4, &planes), Path::new("a")).unwrap();
+        assert_eq!(nv12.row(1), [[255; 3], [255; 3], [0; 3], [0; 3]]);
+        let red = raw_color(&raw("nv12", (2, 2), 2, &[81, 81, 81, 81, 90, 240]), Path::new("a")).unwrap();
+        assert!(red.pixels().iter().all(|[r, g, b]| *r > 250 && *g < 4 && *b < 4), "{red:?}");
+        assert!(raw_color(&raw("nv12", (2, 2), 2, &[81; 5]), Path::new("a")).is_err());
         let odd = raw_color(&raw("yuyv", (1, 2), 4, &[99; 8]), Path::new("a")).unwrap();
         assert_eq!(odd.size(), (1, 2));
     }

@@ -1,7 +1,7 @@
 //! Reading of a frame's images: decoding, undistortion, and registration of depth to colour.
 
 use super::camera_list::Cameras;
-use super::cameras::{Camera, UndistortionCache, has_shape};
+use super::cameras::has_shape;
 use super::choice::Choice;
 use super::contents::{Images, MessagePlace, Topic};
 use super::frames::{FrameMaker, PairedFrame};
@@ -14,6 +14,7 @@ use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};
 use crate::scene::{entry, require_registered};
 use crate::undistort::Undistortion;
+use crate::undistort::{Camera, UndistortionCache};
 use crate::{DatasetError, DepthRegistration};
 use glam::DVec3;
 use splatseg_geometry::{Image, Intrinsics, Pose};
@@ -84,7 +85,11 @@ impl FrameReader {
             depth_scale,
             undistortion: UndistortionCache::default(),
         };
-        let (color, depth) = (source(choice.color, color), source(choice.depth, depth));
+        let (color, mut depth) = (source(choice.color, color), source(choice.depth, depth));
+        // What a wide lens shows at the edges would be lost.
+        if matches!(alignment, Alignment::Registered { .. }) {
+            depth.undistortion = UndistortionCache::whole();
+        }
         Ok(Self { own_camera, color, depth, alignment })
     }
 
@@ -132,13 +137,13 @@ impl FrameReader {
         Ok((image, path))
     }
 
-    /// Reads and undistorts an image of a frame. Also returns its camera.
+    /// Reads and undistorts an image of a frame. Also returns its camera, and that of the undistorted image.
     fn read_image<'s, T, D>(
         source: &'s ImageSource,
         messages: &MessageSource<impl Fn(MessagePlace) -> Result<D, DatasetError>, impl Fn(&str) -> PathBuf>,
         (message, camera): (MessagePlace, usize),
         decode: &ImageDecoder<T>,
-    ) -> Result<(Image<T>, &'s Camera), DatasetError>
+    ) -> Result<(Image<T>, &'s Camera, Intrinsics), DatasetError>
     where
         T: Clone + 'static,
         D: Deref<Target = [u8]>,
@@ -151,11 +156,12 @@ impl FrameReader {
             let expected_from = "its camera info";
             return Err(DatasetError::SizesDiffer { path, what: decode.what, found, expected, expected_from });
         }
-        let image = match source.undistortion.get(camera, &path)? {
+        let undistorted = source.undistortion.get(camera, &path)?;
+        let image = match undistorted.map {
             Some(map) => (decode.undistort)(&map, &image, &path)?,
             None => image,
         };
-        Ok((image, camera))
+        Ok((image, camera, undistorted.camera))
     }
 
     /// Reads the depth of a frame, and returns its camera and the transform to that of colour; `None` for the pixels of
@@ -187,14 +193,13 @@ impl FrameReader {
             let camera = Camera { intrinsics, distortion: color_camera.distortion };
             // One map serves both, as they usually have one size.
             let source = if size == color_size { &self.color } else { &self.depth };
-            let depth = match source.undistortion.get(&camera, &path)? {
+            let depth = match source.undistortion.get(&camera, &path)?.map {
                 Some(map) => (DEPTH.undistort)(&map, &depth, &path)?,
                 None => depth,
             };
             return Ok((depth, (size != color_size).then_some((intrinsics, Pose::IDENTITY))));
         }
-        let (depth, camera) = Self::read_image(&self.depth, messages, (frame.depth, frame.cameras.1), &DEPTH)?;
-        let intrinsics = camera.intrinsics;
+        let (depth, _, intrinsics) = Self::read_image(&self.depth, messages, (frame.depth, frame.cameras.1), &DEPTH)?;
         let warp = match self.alignment {
             Alignment::Registered { color_from_depth } => Some((intrinsics, color_from_depth)),
             _ if depth.size() != color_size => Some((intrinsics, Pose::IDENTITY)),
@@ -209,7 +214,7 @@ impl FrameReader {
         frame: &PairedFrame,
         messages: &MessageSource<impl Fn(MessagePlace) -> Result<D, DatasetError>, impl Fn(&str) -> PathBuf>,
     ) -> Result<RegisteredImages, DatasetError> {
-        let (color, color_camera) = Self::read_image(&self.color, messages, (frame.color, frame.cameras.0), &COLOR)?;
+        let (color, color_camera, _) = Self::read_image(&self.color, messages, (frame.color, frame.cameras.0), &COLOR)?;
         let (depth, warp) = self.read_depth(frame, messages, color_camera)?;
         let camera = color_camera.intrinsics;
         let Some((depth_camera, color_from_depth)) = warp else {

@@ -6,11 +6,11 @@
 //! names another frame. Ambiguous headers cause one warning, with the setting that decides otherwise.
 
 use super::camera_list::{Cameras, calibrations, image_facts};
-use super::cameras::Camera;
 use super::choice::Choice;
 use super::frames::FrameMaker;
 use super::transforms::Rigid;
 use crate::own_camera::OwnCamera;
+use crate::undistort::Camera;
 use crate::{DatasetError, DepthRegistration};
 use splatseg_geometry::Pose;
 use std::path::Path;
@@ -180,9 +180,9 @@ fn pair(choice: &Choice<'_>, own: Option<OwnCamera>, (color, depth): (&Cameras, 
     // Without a usable camera info, the settings describe colour.
     let color_camera = first(choice.color_info, color_facts).or_else(|| {
         own?;
-        color.list.first().cloned()
+        color.list.first().copied()
     })?;
-    let depth_camera = depth.list.first().cloned()?;
+    let depth_camera = depth.list.first().copied()?;
     let depth_alike = first(choice.depth_info, alike)?;
     Some(Pair { color: color_camera, depth: depth_camera, depth_alike })
 }

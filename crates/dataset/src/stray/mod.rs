@@ -12,11 +12,12 @@ use crate::depth_file::{DEPTH_FILE_NAMES, DEPTH_SUFFIXES};
 use crate::depth_scale::DepthScale;
 use crate::error::COLOR_IMAGE;
 use crate::files::is_there;
-use crate::frame_list::{FrameList, FrameListScene, ListedCamera, ListedFrame, PlainFiles, StatedPoses};
+use crate::frame_list::{FrameList, FrameListScene, ListedFrame, PlainFiles, StatedPoses};
 use crate::listing::{NamePattern, NumberedFile, folder_name, no_frames_in, numbered_files};
 use crate::ros_topics::cameras::has_shape;
 use crate::scene::LeftOut;
 use crate::text::PinholeMatrix;
+use crate::undistort::Camera;
 use crate::{DatasetError, DatasetSettings, Format};
 use odometry::{Odometry, OdometryLine};
 use splatseg_geometry::{CameraAxes, Intrinsics};
@@ -166,7 +167,7 @@ impl ListReader<'_> {
         })
     }
 
-    fn camera(&self, line: Option<&OdometryLine>, place: &Path) -> Result<ListedCamera, DatasetError> {
+    fn camera(&self, line: Option<&OdometryLine>, place: &Path) -> Result<Camera, DatasetError> {
         let stated = line.and_then(|line| line.camera).or(self.matrix.map(|(matrix, _)| *matrix));
         let matrix = match stated {
             Some(matrix) => matrix,
@@ -176,7 +177,7 @@ impl ListReader<'_> {
         };
         let (width, height) = self.size_of(&matrix);
         let PinholeMatrix { fx, fy, cx, cy } = matrix;
-        ListedCamera::pinhole(Intrinsics { fx, fy, cx, cy, width, height }, place)
+        Camera::pinhole(Intrinsics { fx, fy, cx, cy, width, height }, place)
     }
 
     /// Returns the size of the images that a matrix belongs to: that of the images if the principal point is near their

@@ -3,8 +3,10 @@
 use crate::support::{damaged, two_ways};
 use proptest::prelude::*;
 use splatseg_dataset::{DatasetSettings, Format, RecordingScene, RecordingSummary, Scene, open_scene, read_messages};
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 /// All containers of the messages in `room.mcap`.
 const OTHERS: [(&str, Format); 7] = [
@@ -298,7 +300,80 @@ fn a_log_beside_a_database_is_told() {
     assert_eq!(damage(), [""; 0], "an empty log");
     fs::write(folder.path().join("a.db3-wal"), [7; 100]).unwrap();
     let told = damage().concat();
-    assert!(told.contains("its last messages may be in a log beside it (a.db3-wal), which is not read"), "{told}");
+    assert!(told.contains("the log beside it with its last messages (a.db3-wal) cannot be read"), "{told}");
+}
+
+/// Writes `killed.db3` with its log into a folder, as a recorder leaves them, and versions of it whose log is cut off or
+/// damaged. Prints how many messages SQLite finds in each.
+const KILLED: &str = r#"
+import os, shutil, sqlite3, sys
+room, folder = sys.argv[1:]
+os.chdir(folder)
+source = sqlite3.connect(room)
+tables = dict(source.execute("select name, sql from sqlite_master where type = 'table'"))
+rows = {name: source.execute(f"select * from {name}").fetchall() for name in tables}
+recorder = sqlite3.connect("open.db3", isolation_level=None)
+recorder.execute("pragma page_size = 1024")
+recorder.execute("pragma journal_mode = wal")
+recorder.execute("pragma wal_autocheckpoint = 0")
+def insert(name, part):
+    for row in part:
+        recorder.execute(f"insert into {name} values ({', '.join('?' * len(row))})", row)
+for name, statement in tables.items():
+    recorder.execute(statement)
+for name in set(rows) - {"messages"}:
+    insert(name, rows[name])
+messages, third = rows["messages"], len(rows["messages"]) // 3
+for start in range(0, len(messages), 2):
+    if start // 2 == third // 2:
+        recorder.execute("pragma wal_checkpoint(restart)")
+    recorder.execute("begin")
+    insert("messages", messages[start:start + 2])
+    recorder.execute("commit")
+shutil.copy("open.db3", "killed.db3")
+shutil.copy("open.db3-wal", "killed.db3-wal")
+log = open("killed.db3-wal", "rb").read()
+for number in range(40):
+    name = f"damaged{number}.db3"
+    shutil.copy("killed.db3", name)
+    place = len(log) * number // 40
+    changed = log[:place] if number % 2 else log[:place] + bytes([log[place] ^ 1]) + log[place + 1:]
+    open(name + "-wal", "wb").write(changed)
+for name in ["killed.db3"] + [f"damaged{number}.db3" for number in range(40)]:
+    for ending in ["", "-wal"]:
+        shutil.copy(name + ending, "peer.db3" + ending)
+    peer = sqlite3.connect("peer.db3")
+    print(name, peer.execute("select count(*) from messages").fetchone()[0])
+    peer.close()
+    for ending in ["", "-wal", "-shm"]:
+        if os.path.exists("peer.db3" + ending):
+            os.remove("peer.db3" + ending)
+"#;
+
+#[test]
+fn the_log_of_a_killed_recorder_is_read_as_sqlite_does() {
+    let test = "the_log_of_a_killed_recorder_is_read_as_sqlite_does";
+    let folder = tempfile::tempdir().unwrap();
+    let (room, path) = (fs::canonicalize(data("room.db3")).unwrap(), folder.path().join("killed.db3"));
+    let Ok(python) = Command::new("python3").args(["-c", KILLED]).arg(room).arg(folder.path()).output() else {
+        splatseg_test_scenes::skipped(test, "there is no python3");
+        return;
+    };
+    assert!(python.status.success(), "{}", String::from_utf8_lossy(&python.stderr));
+    let expected = messages(&data("room.db3"));
+    assert_eq!(messages(&path), expected);
+    assert_eq!(RecordingSummary::read(&path, &settings(|_| {})).unwrap().damage, [""; 0]);
+    let whole = two_ways::read_path(&data("room.db3"), &settings(|_| {})).unwrap();
+    assert_eq!(two_ways::read_path(&path, &settings(|_| {})).unwrap().frames, whole.frames);
+    let mut counts = BTreeSet::new();
+    for line in String::from_utf8(python.stdout).unwrap().lines() {
+        let (name, count) = line.split_once(' ').unwrap();
+        let found = messages(&folder.path().join(name));
+        assert_eq!(found.len().to_string(), count, "{name}");
+        assert!(found == expected[..found.len()], "{name}");
+        counts.insert(found.len());
+    }
+    assert!(counts.len() > 10, "{counts:?}");
 }
 
 proptest! {

@@ -8,6 +8,8 @@ mod depth_files;
 mod depth_scale;
 mod folder;
 mod folder_corrections;
+mod kinect;
+mod kinect_damage;
 mod live;
 mod live_disorder;
 mod mcap;

@@ -196,7 +196,7 @@ fn settings_for_topics_are_for_recordings_only() {
     let error = open_scene("synthetic", &settings).unwrap_err().to_string();
     assert_eq!(
         error,
-        "dataset.pose is \"/odom\", expected no value for synthetic, whose format is synthetic: only mcap, db3 and bag have topics"
+        "dataset.pose is \"/odom\", expected no value for synthetic, whose format is synthetic: only mcap, db3, bag and mkv have topics"
     );
 }
 

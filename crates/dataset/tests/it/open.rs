@@ -63,15 +63,6 @@ fn a_plain_video_is_told_that_it_has_no_depth() {
 }
 
 #[test]
-fn a_recording_of_azure_kinect_is_not_taken_for_a_plain_video() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("output.mkv");
-    fs::write(&path, [b"\x1A\x45\xDF\xA3".as_slice(), &[0; 5000], b"K4A_DEPTH_DELAY_NS"].concat()).unwrap();
-    let error = open_scene(&path, &DatasetSettings::default()).unwrap_err().to_string();
-    assert!(error.contains("format: found a recording of Azure Kinect, which is not read yet"), "{error}");
-}
-
-#[test]
 fn a_stated_format_must_be_there() {
     let folder = tempfile::tempdir().unwrap();
     write_sevenscenes(folder.path(), 1);

@@ -12,6 +12,7 @@ use splatseg_geometry::{CameraFrame, CowImage, Image, Intrinsics, Pose, RgbdFram
 use splatseg_settings::Choice;
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 use std::time::Duration;
 
 fn camera(index: usize) -> Intrinsics {
@@ -277,4 +278,54 @@ fn a_real_recording_is_the_same_as_in_its_own_format() {
         assert_eq!(read.frame.intrinsics(), frame.intrinsics());
         assert_pose(read.world_from_camera, pose);
     }
+}
+
+/// Writes the members of a zip file again: all with sizes and places of 64 bits, and then with more members than 16 bits count.
+const ZIP64: &str = r#"
+import sys, zipfile
+room, wide, many = sys.argv[1:]
+members = [(name, zipfile.ZipFile(room).read(name)) for name in zipfile.ZipFile(room).namelist()]
+def write(path, more):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members:
+            with archive.open(name, "w", force_zip64=True) as member:
+                member.write(content)
+        for number in range(more):
+            archive.writestr(f"more/{number}", b"")
+write(many, 70000)
+zipfile.ZIP64_LIMIT = zipfile.ZIP_FILECOUNT_LIMIT = 1
+write(wide, 0)
+"#;
+
+#[test]
+fn large_zip_files_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let [room, wide, many] = ["room.r3d", "wide.r3d", "many.r3d"].map(|name| folder.path().join(name));
+    write(&room, &metadata());
+    let Ok(python) = Command::new("python3").args(["-c", ZIP64]).args([&room, &wide, &many]).output() else {
+        splatseg_test_scenes::skipped("large_zip_files_are_read", "there is no python3");
+        return;
+    };
+    assert!(python.status.success(), "{}", String::from_utf8_lossy(&python.stderr));
+    let frames = |path: &Path| -> Vec<(Vec<[u8; 3]>, Vec<f32>)> {
+        let scene = open_scene(path, &DatasetSettings::default()).unwrap();
+        let read = |index| {
+            let frame = scene.read_recorded(index).unwrap().frame;
+            (frame.color().pixels().to_vec(), frame.depth().pixels().to_vec())
+        };
+        (0..scene.frame_count()).map(read).collect()
+    };
+    let expected = frames(&room);
+    assert_eq!(expected.len(), 3);
+    for path in [&wide, &many] {
+        assert!(fs::read(path).unwrap().windows(4).any(|window| window == b"PK\x06\x06"), "no zip64 directory");
+        assert!(frames(path) == expected, "{}", path.display());
+    }
+    // A directory that claims more members than the file has room for.
+    let mut bytes = fs::read(&many).unwrap();
+    let end = bytes.windows(4).position(|window| window == b"PK\x06\x06").unwrap();
+    bytes[end + 24..end + 40].copy_from_slice(&[&[0, 0, 0, 0, 1, 0, 0, 0u8][..]; 2].concat());
+    fs::write(&many, bytes).unwrap();
+    let error = open_scene(&many, &DatasetSettings::default()).unwrap_err().to_string();
+    assert!(error.contains("many.r3d: zip64 directory: found no number of members"), "{error}");
 }

@@ -309,7 +309,7 @@ fn damaged_zip_files_are_reported() {
     let scene = SensScene::open(&path, &DatasetSettings::default()).unwrap();
     assert!(scene.read_ground_truth(0).is_err());
     assert!(scene.read_ground_truth(1).unwrap().is_some(), "the others can still be read");
-    // A directory whose 64-bit counts may claim anything.
+    // A directory whose 64-bit counts claim more than there is.
     let mut bytes = whole[..whole.len() - 22].to_vec();
     bytes.extend(*b"PK\x06\x06");
     bytes.extend([0xFF; 52]);

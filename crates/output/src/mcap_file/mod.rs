@@ -16,17 +16,22 @@
 //! Ids and poses are final in all messages, also in those of frames before the run found out that two ids are the same
 //! object, or that earlier poses were wrong.
 
+mod chunk;
+mod compression;
 mod recording;
+mod records;
 mod scene_recording;
 mod scene_update;
 mod stream_recording;
+mod writer;
 
 use crate::error::saved_state;
 use crate::ros_messages::{self, CameraPose, IdPixels, PointBytes, ShownObject};
 use crate::run_output::written_ids;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
+pub use compression::Compression;
 use glam::DVec3;
-use recording::Recording;
+use recording::{Profile, Recording};
 pub use scene_recording::{SceneCounts, SceneRecording};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, RemappedId, SegmentId};
@@ -76,8 +81,8 @@ struct SeenFrame {
 }
 
 impl McapFile {
-    /// The first bytes of every file written here.
-    pub const START: &'static [u8] = recording::START;
+    /// The first bytes of the MCAP files written here: each has one of these.
+    pub const STARTS: &'static [&'static [u8]] = recording::STARTS;
 
     /// A file to be written to `path` at the end of the run, replacing any existing file. Its folder must exist.
     pub fn new(path: PathBuf) -> Self {
@@ -85,7 +90,8 @@ impl McapFile {
     }
 
     fn write(&self, end: &RunEnd<'_>, folder: &dyn ResultFolder) -> Result<(), OutputError> {
-        let mut recording = Recording::create(&self.path).map_err(|source| self.error(source))?;
+        let mut recording =
+            Recording::create(&self.path, Profile::Mixed, Compression::Lz4).map_err(|source| self.error(source))?;
         for (position, frame) in self.seen.frames.iter().enumerate() {
             let overlay = folder.path_of(&format!("overlay/{}.jpg", frame.file_name));
             let overlay = std::fs::read(&overlay).map_err(|source| OutputError::Read { path: overlay, source })?;
@@ -258,7 +264,7 @@ mod tests {
             oriented_box: OrientedBox { center: DVec3::ZERO, size: Vec3::ONE, rotation: Quat::IDENTITY },
         };
         let shown: Vec<ShownObject> = (0..MAX_REPEATED + 3).map(shown).collect();
-        let mut recording = Recording::create(&path).unwrap();
+        let mut recording = Recording::create(&path, Profile::Mixed, Compression::None).unwrap();
         write_boxes(&mut recording, &shown).unwrap();
         recording.finish().unwrap();
         let bytes = std::fs::read(&path).unwrap();

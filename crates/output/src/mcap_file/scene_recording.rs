@@ -1,7 +1,8 @@
 //! A scene as a recording of a camera.
 
 use super::FRAME_INTERVAL;
-use super::recording::Recording;
+use super::compression::Compression;
+use super::recording::{Profile, Recording};
 use crate::ros_messages::{self, CameraPose};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
@@ -29,7 +30,7 @@ const POSE: &str = "/camera/pose";
 /// | `/tf` | `tf2_msgs/msg/TFMessage` | `camera`, an optical frame, in `world`, if the frame has a pose |
 /// | `/camera/pose` | `geometry_msgs/msg/TransformStamped` | the same |
 ///
-/// The same frames give the same bytes. One frame is in memory at a time.
+/// The same frames and compression give the same bytes. One frame is in memory at a time.
 pub struct SceneRecording {
     recording: Recording,
     counts: SceneCounts,
@@ -55,8 +56,12 @@ impl SceneRecording {
     ///
     /// # Errors
     /// If no file can be written there.
-    pub fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { recording: Recording::create(path)?, counts: SceneCounts::default(), latest: None })
+    pub fn create(path: &Path, compression: Compression) -> io::Result<Self> {
+        Ok(Self {
+            recording: Recording::create(path, Profile::Ros2, compression)?,
+            counts: SceneCounts::default(),
+            latest: None,
+        })
     }
 
     /// Writes the next frame and the pose of its camera, if it has one. A frame without a time, or with one that is not

@@ -1,11 +1,13 @@
 //! A recording of what was used of a stream.
 
-use super::recording::Recording;
+use super::compression::Compression;
+use super::recording::{Profile, Recording};
 use std::io;
 use std::path::Path;
 use std::time::Duration;
 
-/// Writes the messages of a camera as they are, in CDR, to an MCAP file.
+/// Writes the messages of a camera as they are, in CDR, to an MCAP file. They are not compressed, as that
+/// would take time from the session.
 pub struct StreamRecording(Recording);
 
 impl StreamRecording {
@@ -14,7 +16,7 @@ impl StreamRecording {
     /// # Errors
     /// If no file can be written there.
     pub fn create(path: &Path) -> io::Result<Self> {
-        Recording::create(path).map(Self)
+        Recording::create(path, Profile::Ros2, Compression::None).map(Self)
     }
 
     /// Writes a message: its topic, type (e.g. `sensor_msgs/msg/Image`), time of receipt and content in CDR. Those of

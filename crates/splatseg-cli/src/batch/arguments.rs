@@ -42,6 +42,9 @@ pub struct BatchArguments {
     /// Do not write index.html, the page that shows the results
     #[arg(long)]
     pub no_page: bool,
+    /// Do not write overlay/*.jpg, the frames with their objects drawn over them
+    #[arg(long)]
+    pub no_overlay: bool,
     /// Leave out the final pass, in which the map of the end decides the ids of all frames again: the results, and their
     /// scores, are what was known at the time of each frame, as in the paper
     #[arg(long)]

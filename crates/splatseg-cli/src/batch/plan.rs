@@ -123,11 +123,13 @@ fn without_threads(settings: &Value) -> Value {
 
 fn settings(arguments: &BatchArguments) -> Result<Settings, Failure> {
     let page = arguments.no_page.then(|| "false".to_owned());
+    let overlay = arguments.no_overlay.then(|| "false".to_owned());
     let online = arguments.online.then(|| "true".to_owned());
     let options = [
         ("method", arguments.method.as_ref()),
         ("save_every", arguments.save_every.as_ref()),
         ("page", page.as_ref()),
+        ("overlay", overlay.as_ref()),
         ("online", online.as_ref()),
     ];
     let layers = arguments.options.layers_over(SettingsLayers::default(), options)?;

@@ -1,4 +1,4 @@
-//! `splatseg inspect drive.mcap`, `.db3` or `.bag`: shows the topics, and the ones that a run would use.
+//! `splatseg inspect drive.mcap`, `.db3`, `.bag` or a Kinect's `.mkv`: shows the topics, and the ones that a run would use.
 
 use super::InspectArguments;
 use crate::Failure;
@@ -21,6 +21,9 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     let files = if summary.files == 1 { String::new() } else { format!(" in {} files", summary.files) };
     let compression = summary.compression.map_or_else(String::new, |how| format!(", compressed ({how})"));
     say!("kind           {}{files}{compression}", summary.title);
+    if let Some(camera) = &summary.camera {
+        say!("camera         {camera}");
+    }
     print_times(&summary.topics);
     say!("topics         {}", summary.topics.len());
     for topic in summary.topics.iter().take(LISTED) {

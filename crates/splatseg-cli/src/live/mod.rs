@@ -31,7 +31,7 @@ use std::sync::Arc;
     Ctrl-C or SIGTERM ends it after the present frame; the map is saved then, and every --save-interval seconds. Started\n\
     again with the same map, it goes on: a tracked camera first has to find its place in it.")]
 pub struct LiveArguments {
-    /// A recording of ROS messages (.mcap, .db3, .bag), or a folder with one
+    /// A recording of ROS messages (.mcap, .db3, .bag) or of an Azure Kinect (.mkv), or a folder with one
     pub source: PathBuf,
     /// Play the recording this many times as fast
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
@@ -50,7 +50,7 @@ impl LiveArguments {
         if !RecordingScene::is_recording(&self.source) {
             let path = self.source.display();
             return Err(Failure::input(format!(
-                "{path}: not a recording of ROS messages (.mcap, .db3, .bag), nor a folder with one"
+                "{path}: not a recording of ROS messages (.mcap, .db3, .bag) or of an Azure Kinect (.mkv), nor a folder with one"
             )));
         }
         self.session.check(settings, Some(&self.source))

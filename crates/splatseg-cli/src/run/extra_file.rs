@@ -17,29 +17,29 @@ pub struct FileKind {
     content: &'static str,
     /// Description of such a file, for errors.
     name: &'static str,
-    /// First bytes of every such file. Other files are not replaced.
-    start: &'static [u8],
+    /// First bytes of such files. Files with none of these are not replaced.
+    starts: &'static [&'static [u8]],
 }
 
 impl FileKind {
     /// A saved memory.
     pub const MEMORY: Self =
-        Self { option: "--save-memory", content: "the memory", name: "a saved memory", start: b"ply" };
+        Self { option: "--save-memory", content: "the memory", name: "a saved memory", starts: &[b"ply"] };
     /// The map of a live session.
-    pub const MAP: Self = Self { option: "--map", content: "the map", name: "a saved memory", start: b"ply" };
+    pub const MAP: Self = Self { option: "--map", content: "the map", name: "a saved memory", starts: &[b"ply"] };
     /// A COCO file with all masks.
     pub const COCO: Self = Self {
         option: "--save-coco",
         content: "the masks",
         name: "a COCO file by splatseg",
-        start: CocoFile::START.as_bytes(),
+        starts: &[CocoFile::START.as_bytes()],
     };
     /// A recording for robotics viewers.
     pub const MCAP: Self = Self {
         option: "--save-mcap",
         content: "the recording",
         name: "a recording by splatseg",
-        start: McapFile::START,
+        starts: McapFile::STARTS,
     };
     /// A converted scene.
     pub const CONVERTED: Self = Self { option: "OUT.mcap", ..Self::MCAP };
@@ -48,9 +48,11 @@ impl FileKind {
 
     /// Returns true if the file at `path` has the first bytes of this kind.
     pub fn is_kind_of(&self, path: &Path) -> bool {
-        let mut start = vec![0; self.start.len()];
-        let mut read = || File::open(path).and_then(|mut file| file.read_exact(&mut start));
-        path.is_file() && read().is_ok() && start == self.start
+        let starts_with = |start: &&[u8]| {
+            let mut found = vec![0; start.len()];
+            File::open(path).and_then(|mut file| file.read_exact(&mut found)).is_ok() && found == **start
+        };
+        path.is_file() && self.starts.iter().any(starts_with)
     }
 }
 

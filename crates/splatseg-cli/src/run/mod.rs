@@ -141,8 +141,12 @@ fn is_complete(out: &Path) -> bool {
     summary.is_some_and(|summary| summary["interrupted"] == false && summary["error"].is_null())
 }
 
-/// Checks that no output path is an input.
+/// Checks that no output path is an input, and that outputs have what they need.
 fn check_paths(job: &RunJob, config: Option<&Path>) -> Result<(), Failure> {
+    if job.save_mcap.is_some() && !job.settings.run.overlay {
+        let message = "--save-mcap: the recording shows the overlays: expected overlay = true, without --no-overlay";
+        return Err(Failure::input(message.to_owned()));
+    }
     let mut inputs = InputPaths::of(&job.settings);
     inputs.add_scene(&job.scene);
     if let Some(config) = config {
@@ -204,7 +208,7 @@ fn execute_with(
     let stream = stream.map_err(Failure::input)?;
     let selected = dataset.selected_frames(scene.frame_count()).map_err(Failure::input)?;
     let names: Vec<String> = selected.into_iter().map(|index| scene.frame_name(index)).collect();
-    let folder = OutputFolder::prepare(&job.out, job.existing, &names)?;
+    let folder = OutputFolder::prepare(&job.out, job.existing, &names, job.settings.run.overlay)?;
     let mut pipeline = build(job, &scene)?;
     let before = job.load_memory.as_deref().map(MapBefore::load).transpose()?.flatten();
     say_error!("{}", stream.description());

@@ -86,7 +86,7 @@ fn wrong_in(path: &Path, error: &dyn Display) -> Failure {
 /// If a saved file is damaged, or images of the earlier run are missing.
 pub fn restore(job: &RunJob, outputs: Vec<Box<dyn RunOutput>>) -> Result<Outputs, Failure> {
     let Some(saved) = &job.resume else { return Ok(Outputs { outputs, lost: Vec::new() }) };
-    saved.require_images(&job.out)?;
+    saved.require_images(&job.out, job.settings.run.overlay)?;
     let mut restored = Outputs::default();
     for mut output in outputs {
         let path = saved.output_file(output.name());

@@ -234,12 +234,14 @@ impl SavedRun {
         })
     }
 
-    /// Checks that the images of the frames are still in the folder of results.
+    /// Checks that the images of the frames are still in the folder of results, with overlays or without.
     ///
     /// # Errors
     /// Names the first missing image.
-    pub fn require_images(&self, out: &Path) -> Result<(), Failure> {
-        let images = self.frames.iter().flat_map(|frame| result_files(&file_name(&frame.file_name)));
+    pub fn require_images(&self, out: &Path, overlays: bool) -> Result<(), Failure> {
+        let images_of = |frame: &SavedFrame| result_files(&file_name(&frame.file_name));
+        let images =
+            self.frames.iter().flat_map(|frame| images_of(frame).into_iter().take(if overlays { 2 } else { 1 }));
         match images.map(|file| place(out, &file)).find(|path| !path.is_file()) {
             None => Ok(()),
             Some(path) => {

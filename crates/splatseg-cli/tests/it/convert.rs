@@ -3,9 +3,9 @@
 use crate::support::{CLIP_PARTS, Ended, ROOM, file_names, finish, numbered_scene, splatseg};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, StreamedFrame, open_scene};
 use splatseg_geometry::Pose;
-use splatseg_output::SceneRecording;
+use splatseg_output::{Compression, SceneRecording};
 use splatseg_ros::{CameraInfo, Image, from_cdr};
-use splatseg_test_scenes::{camera, copy_demo_clip, shared, wall};
+use splatseg_test_scenes::{camera, copy_demo_clip, shared, wall, without_chunks};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -60,7 +60,7 @@ fn assert_lossless(scene: &Path, folder: &Path, more: &[&str], settings: &Datase
 
 /// Returns the messages of a topic.
 fn messages(file: &Path, topic: &str) -> Vec<mcap::Message<'static>> {
-    let bytes = fs::read(file).unwrap();
+    let bytes = without_chunks(&fs::read(file).unwrap());
     let all = mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap);
     all.filter(|message| message.channel.topic == topic).collect()
 }
@@ -86,6 +86,47 @@ fn the_frames_of_a_recording_are_those_of_the_scene() {
         &frames(&of_recording, &DatasetSettings::default()),
         &frames(Path::new(ROOM), &DatasetSettings::default()),
     );
+}
+
+#[test]
+fn compression_changes_only_the_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = ["none", "lz4"].map(|compression| {
+        let file = folder.path().join(format!("{compression}.mcap"));
+        assert_eq!(convert(Path::new(ROOM), &file, &["--compression", compression]).code, 0);
+        let again = folder.path().join(format!("{compression}-again.mcap"));
+        assert_eq!(convert(Path::new(ROOM), &again, &["--compression", compression]).code, 0);
+        let bytes = fs::read(&file).unwrap();
+        assert!(bytes == fs::read(&again).unwrap(), "{compression}: other bytes");
+        assert_same(&frames(&file, &DatasetSettings::default()), &frames(Path::new(ROOM), &DatasetSettings::default()));
+        bytes
+    });
+    assert!(without_chunks(&files[0]) == without_chunks(&files[1]));
+    let [none, lz4] = files.map(|bytes| bytes.len());
+    assert!(lz4 < none, "{none} and {lz4} bytes");
+    let by_default = folder.path().join("default.mcap");
+    assert_eq!(convert(Path::new(ROOM), &by_default, &[]).code, 0);
+    assert_eq!(fs::read(by_default).unwrap().len(), lz4);
+}
+
+#[test]
+fn recordings_of_all_containers_are_converted() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../dataset/tests/data/recordings");
+    let topic = "/camera/color/image_raw";
+    let chosen = settings(|settings| settings.color = Some(topic.to_owned()));
+    let mut files = Vec::new();
+    for name in ["room.mcap", "room.db3", "db3_file", "db3_split", "room.bag", "room_lz4.bag", "room_bz2.bag"] {
+        let folder = tempfile::tempdir().unwrap();
+        let file = assert_lossless(&data.join(name), folder.path(), &["--color", topic], &chosen);
+        files.push(fs::read(file).unwrap());
+    }
+    // The messages are the same in all.
+    assert!(files.iter().all(|file| *file == files[0]));
+    for name in ["realsense_2.56.bag", "realsense_2.58.db3", "realsense_2.59.db3"] {
+        let folder = tempfile::tempdir().unwrap();
+        let file = assert_lossless(&data.join(name), folder.path(), &[], &DatasetSettings::default());
+        assert!(!frames(&file, &DatasetSettings::default()).is_empty(), "{name}");
+    }
 }
 
 #[test]
@@ -165,7 +206,7 @@ fn a_run_of_the_recording_gives_the_same_ids() {
 fn every_frame_has_its_own_camera_and_a_later_time() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("frames.mcap");
-    let mut recording = SceneRecording::create(&file).unwrap();
+    let mut recording = SceneRecording::create(&file, Compression::None).unwrap();
     let times = [Some(5_000), None, Some(4_000), Some(9_000)].map(|time| time.map(Duration::from_millis));
     for (index, time) in times.into_iter().enumerate() {
         let mut camera = camera(8, 6, 10.0);

@@ -30,6 +30,32 @@ fn contents(folder: &Path) -> Vec<(String, Vec<u8>)> {
 }
 
 #[test]
+fn a_run_without_overlays_writes_everything_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let [with, without] = ["with", "without"].map(|name| folder.path().join(name));
+    assert_eq!(run(ROOM, &with, &[]).code, 0);
+    assert_eq!(run(ROOM, &without, &["--no-overlay"]).code, 0);
+    let files = |out: &Path| {
+        let mut files = contents(out);
+        files.retain(|(name, _)| !["summary.json", "manifest.jsonl"].contains(&name.as_str()));
+        files
+    };
+    let (mut expected, found) = (files(&with), files(&without));
+    assert_eq!(expected.iter().filter(|(name, _)| name.starts_with("overlay/")).count(), 3);
+    expected.retain(|(name, _)| !name.starts_with("overlay/"));
+    assert!(found == expected);
+    let listed = fs::read_to_string(without.join("manifest.jsonl")).unwrap();
+    assert!(!listed.contains("overlay/"), "{listed}");
+
+    let recording = folder.path().join("out.mcap");
+    for option in [&["--no-overlay"][..], &["--set", "overlay=false"]] {
+        let saving = ["--overwrite", "--save-mcap", recording.to_str().unwrap()];
+        let ended = run(ROOM, &without, &[option, &saving].concat());
+        assert!(ended.code == 2 && ended.err.contains("--no-overlay"), "{}", ended.err);
+    }
+}
+
+#[test]
 fn overwrite_removes_what_the_manifest_lists_and_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");

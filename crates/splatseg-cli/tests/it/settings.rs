@@ -95,10 +95,10 @@ fn options_that_do_nothing_are_errors_that_say_what_would_use_them() {
     assert_refused(&paper, "memory.growth_spacing is not used here: it needs memory.growth = missing");
     let features = ["--set", "memory.kind=features", "--set", "memory.growth_spacing=4"];
     assert_refused(&features, "it needs memory.growth = missing, but memory.growth is paper");
-    assert_refused(&["--register-depth"], "only 7scenes, mcap, db3 and bag have depth that is not registered");
+    assert_refused(&["--register-depth"], "only 7scenes, mcap, db3, bag and mkv have depth that is not registered");
     assert_refused(
         &["--set", "dataset.register_depth=true"],
-        "only 7scenes, mcap, db3 and bag have depth that is not registered",
+        "only 7scenes, mcap, db3, bag and mkv have depth that is not registered",
     );
 
     let prompted = ["--method", "sam2", "--tracker", "sim", "--prompts", "ground-truth"];

@@ -108,16 +108,22 @@ fn reduced_pixels(size: usize, reduced: usize) -> Vec<usize> {
 /// The reduced pixels that keep their segment: those inside it, and those of parts that are too thin to have an inside.
 fn sure_pixels(segments: &SegmentMap) -> Image<bool> {
     let (width, height) = segments.size();
-    let is_inside = |column: usize, row: usize| {
-        let own = segments[(column, row)];
-        around((column, row), (width, height)).all(|near| segments[near] == own)
-    };
-    let inside = Image::from_fn(width, height, is_inside);
-    Image::from_fn(width, height, |column, row| {
-        let own = segments[(column, row)];
-        let mut around = around((column, row), (width, height));
-        inside[(column, row)] || !around.any(|near| inside[near] && segments[near] == own)
-    })
+    let mut inside = Image::filled(width, height, false);
+    for (row, inside) in inside.pixels_mut().chunks_mut(width.max(1)).enumerate() {
+        let own = segments.row(row);
+        let near = [row.saturating_sub(1), (row + 1).min(height - 1)].map(|row| segments.row(row));
+        for (column, inside) in inside.iter_mut().enumerate() {
+            let columns = column.saturating_sub(1)..(column + 2).min(width);
+            let is_own = |ids: &[SegmentId]| ids[columns.clone()].iter().all(|id| *id == own[column]);
+            *inside = is_own(own) && is_own(near[0]) && is_own(near[1]);
+        }
+    }
+    let mut sure = inside.clone();
+    for (index, sure) in sure.pixels_mut().iter_mut().enumerate().filter(|(_, sure)| !**sure) {
+        let at = (index % width, index / width);
+        *sure = !around(at, (width, height)).any(|near| inside[near] && segments[near] == segments[at]);
+    }
+    sure
 }
 
 /// A pixel and those around it.

@@ -88,9 +88,9 @@ pub(super) fn process(
     }
     let mut reduced = None;
     if frame.is_reduced() {
-        let (enlarged, time) = timed(|| enlarged_output(&output, &frame.whole));
+        let ((enlarged, segments), time) = timed(|| enlarged_output(output, &frame.whole));
         times.add("enlarge", time);
-        reduced = Some(std::mem::replace(&mut output, enlarged).segments);
+        (output, reduced) = (enlarged, Some(segments));
     }
     objects.remap(&output.update.remapped);
     let objects = objects.record(&output);

@@ -89,22 +89,28 @@ fn resized_image<T: Clone>(image: &CowImage<'_, T>, size: (usize, usize)) -> Ima
         return image.clone().into_owned();
     }
     let (columns, rows) = (nearest(image.width(), size.0), nearest(image.height(), size.1));
-    Image::from_fn(size.0, size.1, |column, row| image[(columns[column], rows[row])].clone())
+    let mut pixels = Vec::with_capacity(size.0 * size.1);
+    for row in rows {
+        let row = image.row(row);
+        pixels.extend(columns.iter().map(|column| row[*column].clone()));
+    }
+    Image::from_pixels(size.0, size.1, pixels).unwrap_or_else(|_| image.clone().into_owned())
 }
 
-/// A method's result for a reduced frame, for the frame itself.
-pub(super) fn enlarged_output(output: &FrameOutput, frame: &CameraFrame) -> FrameOutput {
+/// A method's result for a reduced frame, for the frame itself, and its segments as they were.
+pub(super) fn enlarged_output(output: FrameOutput, frame: &CameraFrame) -> (FrameOutput, SegmentMap) {
     let size = (frame.width(), frame.height());
-    let (columns, rows) = (nearest(output.segments.width(), size.0), nearest(output.segments.height(), size.1));
-    let masks = output.masks.iter().map(|(id, mask)| {
-        (*id, Mask::from_fn(size.0, size.1, |column, row| mask.contains(columns[column], rows[row])))
-    });
-    FrameOutput {
-        segments: enlarged(&output.segments, frame),
-        confidence: resized_image(&output.confidence, size),
-        masks: masks.collect(),
-        ..output.clone()
-    }
+    let FrameOutput { segments: reduced, confidence, masks, .. } = output;
+    let (columns, rows) = (nearest(reduced.width(), size.0), nearest(reduced.height(), size.1));
+    let whole_mask =
+        |mask: Mask| Mask::from_fn(size.0, size.1, |column, row| mask.contains(columns[column], rows[row]));
+    let whole = FrameOutput {
+        segments: enlarged(&reduced, frame),
+        confidence: resized_image(&confidence, size),
+        masks: masks.into_iter().map(|(id, mask)| (id, whole_mask(mask))).collect(),
+        ..output
+    };
+    (whole, reduced)
 }
 
 /// Decides earlier frames again at the resolution at which they were processed.
@@ -126,6 +132,6 @@ impl Hindsight for ReducedHindsight<'_> {
         let shown =
             ShownFrame { segments: reduced_map(&shown.segments), regions: shown.regions.as_ref().map(reduced_map) };
         let output = self.hindsight.look_again(&reduced.at(*frame.world_from_camera()), &shown)?;
-        Ok(enlarged_output(&output, frame))
+        Ok(enlarged_output(output, frame).0)
     }
 }

@@ -87,6 +87,8 @@ settings! {
         segment_ahead: bool = true, Allowed::Switch;
         /// Makes `run` write `index.html`, a page that shows the map, the video and the list of objects.
         page: bool = true, Allowed::Switch;
+        /// Makes `run` write `overlay/*.jpg`, the frames with their objects drawn over them. `--save-mcap` needs them.
+        overlay: bool = true, Allowed::Switch;
         /// Leaves out the final pass, in which the map of the end decides the ids of all frames again. Results are then
         /// what was known at the time of each frame. The paper has no such pass.
         online: bool = false, Allowed::Switch;

@@ -1,24 +1,27 @@
 //! Recordings of rosbag2 in SQLite: its tables `topics` and `messages`, read without a library for SQLite.
 //!
 //! A scan first lists all messages, then reads them in the order of their times. An image is read again by the place of
-//! its row (`pages.rs`); `records.rs` parses rows. A write-ahead log beside the file is not read.
+//! its row (`pages.rs`); `records.rs` parses rows. A recorder that was killed leaves its last pages in a log
+//! (`write_ahead_log.rs`).
 
 mod pages;
 mod records;
+mod write_ahead_log;
 
 pub(super) use pages::Database;
 
 use super::container::{Channel, FoundMessage, RecordSink, max_message_bytes};
 use super::recorded_file::ScannedFile;
 use crate::DatasetError;
-use crate::files::RandomAccessFile;
+use crate::files::{RandomAccessFile, open_file};
 use crate::ros_topics::contents::MessagePlace;
 use crate::ros_topics::frame_names::{listed, one_line};
 use pages::{Cell, CellPlace, Fault, Pages, Visit, cells};
 use records::{Value, columns, values};
 use std::borrow::Cow;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use write_ahead_log::{FoundLog, WriteAheadLog};
 
 /// First page of the list of tables.
 const SCHEMA_PAGE: u32 = 1;
@@ -57,6 +60,7 @@ pub(super) fn scan(
     sink: &mut dyn RecordSink,
 ) -> Result<Database, DatasetError> {
     let mut database = Database::open(file.path, RandomAccessFile::new(file.reader()?), file.bytes)?;
+    read_log(&mut database, &mut file.damage)?;
     warn_of_unread(&database, &mut file.damage);
     let mut scan = Scan { database: &database, pages: Pages::new(&database), damaged: None, read_bytes: 0 };
     let data_column = scan.read_all(file, number, sink)?;
@@ -80,19 +84,41 @@ fn warn_of_unread(database: &Database, damage: &mut Vec<String>) {
             database.stated_pages, database.pages
         ));
     }
-    let mut beside = |ending: &str, what: &str| {
-        let mut name = database.path().as_os_str().to_owned();
-        name.push(ending);
-        let log = Path::new(&name);
-        if std::fs::metadata(log).is_ok_and(|metadata| metadata.is_file() && metadata.len() > 0) {
-            damage.push(format!(
-                "{path}: {what} ({}), which is not read: sqlite3 {path} 'PRAGMA wal_checkpoint' completes the recording",
-                log.file_name().unwrap_or_default().display()
-            ));
-        }
-    };
-    beside("-wal", "the recording was not closed, and its last messages may be in a log beside it");
-    beside("-journal", "the recording was not closed, and a change was not finished");
+    if let Some(journal) = beside(database, "-journal") {
+        damage.push(format!(
+            "{path}: the recording was not closed, and a change was not finished ({}): sqlite3 {path} 'PRAGMA integrity_check' \
+             undoes it",
+            name_of(&journal)
+        ));
+    }
+}
+
+/// Adds the pages of the write-ahead log that a recorder leaves if it is killed.
+fn read_log(database: &mut Database, damage: &mut Vec<String>) -> Result<(), DatasetError> {
+    let Some(log) = beside(database, "-wal") else { return Ok(()) };
+    let found = WriteAheadLog::read(open_file(&log)?, database.page_bytes());
+    match found.map_err(|source| DatasetError::Io { path: log.clone(), source })? {
+        FoundLog::Log(log) => database.add_log(log),
+        FoundLog::NoTransaction => {}
+        FoundLog::Unreadable => damage.push(format!(
+            "{}: the recording was not closed, and the log beside it with its last messages ({}) cannot be read",
+            database.path().display(),
+            name_of(&log)
+        )),
+    }
+    Ok(())
+}
+
+/// Returns the path of a file beside a database that is not empty.
+fn beside(database: &Database, ending: &str) -> Option<PathBuf> {
+    let mut name = database.path().as_os_str().to_owned();
+    name.push(ending);
+    let path = PathBuf::from(name);
+    std::fs::metadata(&path).is_ok_and(|metadata| metadata.is_file() && metadata.len() > 0).then_some(path)
+}
+
+fn name_of(path: &Path) -> std::path::Display<'_> {
+    Path::new(path.file_name().unwrap_or_default()).display()
 }
 
 /// State while reading a database.

@@ -6,6 +6,7 @@
 //! than the file.
 
 use super::records::varint;
+use super::write_ahead_log::WriteAheadLog;
 use crate::DatasetError;
 use crate::files::RandomAccessFile;
 use std::ops::Range;
@@ -35,9 +36,12 @@ pub(in crate::recording) struct Database {
     /// Bytes of a page without its reserved end.
     usable: usize,
     /// Number of complete pages in the file.
+    stored_pages: u32,
+    /// Number of complete pages in the file and its log.
     pub(super) pages: u32,
     /// Number of pages that the header states; 0 if it does not.
     pub(super) stated_pages: u32,
+    log: Option<WriteAheadLog>,
     /// Number of the column with the data of messages.
     pub(super) data_column: usize,
 }
@@ -123,16 +127,44 @@ impl Database {
         // Old versions of SQLite do not keep the number of pages up to date.
         let is_stated = header.get(24..28) == header.get(92..96);
         let stated_pages = if is_stated { number(&header, 28, 4) as u32 } else { 0 };
-        Ok(Self { path: path.to_owned(), file, page_bytes, usable, pages, stated_pages, data_column: 0 })
+        let path = path.to_owned();
+        Ok(Self { path, file, page_bytes, usable, stored_pages: pages, pages, stated_pages, log: None, data_column: 0 })
+    }
+
+    /// Puts pages of a log in place of those of the file.
+    pub(super) fn add_log(&mut self, log: WriteAheadLog) {
+        self.pages = log.pages(self.stored_pages);
+        self.stated_pages = 0;
+        self.log = Some(log);
+    }
+
+    pub(super) fn page_bytes(&self) -> usize {
+        self.page_bytes
     }
 
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Returns its size, bytes.
+    /// Returns its size with that of its log, bytes.
     pub(super) fn bytes(&self) -> u64 {
         u64::from(self.pages) * self.page_bytes as u64
+    }
+
+    /// Reads a page, and the pages behind it in the file, at most `ahead` bytes. Pages of the log are read alone.
+    fn read_pages(&self, first: u32, ahead: usize) -> Result<Vec<u8>, Fault> {
+        let logged = self.log.as_ref().map(|log| log.page(first, self.page_bytes)).transpose().map_err(Fault::Io)?;
+        if let Some(page) = logged.flatten() {
+            return Ok(page);
+        }
+        let next_logged = self.log.as_ref().and_then(|log| log.next_page(first)).unwrap_or(u32::MAX);
+        let end = next_logged.min(self.stored_pages.saturating_add(1));
+        let Some(count) = end.checked_sub(first).filter(|count| *count > 0) else {
+            return Err(Fault::new(format!("page {first} is in neither the file nor its log")));
+        };
+        let offset = u64::from(first - 1) * self.page_bytes as u64;
+        let wanted = (ahead / self.page_bytes).clamp(1, count as usize) * self.page_bytes;
+        self.file.read(offset, wanted as u64).map_err(Fault::Io)
     }
 }
 
@@ -161,10 +193,7 @@ impl<'a> Pages<'a> {
             let block = self.blocks.remove(at);
             self.blocks.push(block);
         } else {
-            let offset = u64::from(number - 1) * page_bytes as u64;
-            let left = self.database.bytes().saturating_sub(offset);
-            let wanted = (ahead.max(page_bytes) / page_bytes * page_bytes) as u64;
-            let block = self.database.file.read(offset, wanted.min(left)).map_err(Fault::Io)?;
+            let block = self.database.read_pages(number, ahead)?;
             if self.blocks.len() >= BLOCKS {
                 self.blocks.remove(0);
             }

@@ -2,6 +2,7 @@
 #![allow(dead_code)] // The test of memory and the example use a part.
 
 pub mod mcap;
+pub mod mkv;
 pub mod mvpd;
 pub mod phones;
 pub mod recording;

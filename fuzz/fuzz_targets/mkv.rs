@@ -1,0 +1,14 @@
+//! Recordings of an Azure Kinect in Matroska.
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use splatseg_fuzz::{Place, read_scene, scenes};
+use std::cell::OnceCell;
+
+thread_local!(static PLACE: OnceCell<Place> = const { OnceCell::new() });
+
+fuzz_target!(|input: &[u8]| Place::with_input(&PLACE, scenes::mkv, input, |folder| {
+    for part in ["closed", "streamed"] {
+        read_scene(folder.join(part));
+    }
+}));
