@@ -54,7 +54,11 @@ pub(super) fn segment(segmenter: &mut dyn Segmenter, frame: &WorkingFrame<'_>, t
             turn => segmenter.segment(&seen.turned(turn))?.turned(turn.inverse(), turn.size(size)),
         };
         let working = (frame.working().width(), frame.working().height());
-        Ok(if size == working { found } else { reduced_segmentation(found, size, working) })
+        if size == working {
+            return Ok(found);
+        }
+        reduced_segmentation(found, size, working)
+            .map_err(|source| SegmenterError::Other { name: segmenter.name().to_owned(), source: Box::new(source) })
     });
     Segmented { found, time }
 }

@@ -60,14 +60,25 @@ impl<'a> WorkingFrame<'a> {
     }
 }
 
-/// What a segmenter has found in a frame, for the frame reduced to `size` (width, height).
-pub(super) fn reduced_segmentation(found: Segmentation, from: (usize, usize), size: (usize, usize)) -> Segmentation {
+/// What a segmenter has found in a frame of size `from` (width, height), for the frame reduced to `size`.
+///
+/// # Errors
+/// [`TrackingError::MaskSize`] if a mask, or the map of regions, has another size than the frame.
+pub(super) fn reduced_segmentation(
+    found: Segmentation,
+    from: (usize, usize),
+    size: (usize, usize),
+) -> Result<Segmentation, TrackingError> {
+    let sizes = found.masks.iter().map(|scored| (scored.mask.width(), scored.mask.height()));
+    if let Some(found) = sizes.chain(found.regions.as_ref().map(SegmentMap::size)).find(|found| *found != from) {
+        return Err(TrackingError::MaskSize { found, expected: from });
+    }
     let (columns, rows) = (nearest(from.0, size.0), nearest(from.1, size.1));
     let mask = |scored: ScoredMask| ScoredMask {
         mask: Mask::from_fn(size.0, size.1, |column, row| scored.mask.contains(columns[column], rows[row])),
         score: scored.score,
     };
-    Segmentation {
+    Ok(Segmentation {
         masks: found.masks.into_iter().map(mask).filter(|scored| !scored.mask.is_empty()).collect(),
         regions: found.regions.map(|regions| resized_image(&regions, size)),
         affinities: found.affinities.map(|affinities| Affinities {
@@ -75,7 +86,7 @@ pub(super) fn reduced_segmentation(found: Segmentation, from: (usize, usize), si
             rows: affinities.rows.iter().map(|row| *row * size.1 as u32 / from.1 as u32).collect(),
             ..affinities
         }),
-    }
+    })
 }
 
 /// For each pixel of an axis, the nearest one of the same axis with another number of pixels.

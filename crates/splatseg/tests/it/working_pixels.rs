@@ -1,7 +1,7 @@
 //! Large frames are processed at a lower resolution, and their results enlarged.
 
 use splatseg::dataset::{Framing, ImageSize, Scene};
-use splatseg::geometry::{CameraFrame, RgbdFrame, Segmentation};
+use splatseg::geometry::{CameraFrame, RgbdFrame, ScoredMask, Segmentation};
 use splatseg::segmenter::{Segmenter, SegmenterError};
 use splatseg::tracking::{FrameOutput, Hindsight, Method, ShownFrame, TrackingError};
 use splatseg::{Pipeline, SegmentMap, Settings};
@@ -88,6 +88,36 @@ fn a_segmenter_of_your_own_sees_whole_frames_unless_it_says_otherwise() {
         let result = pipeline.step(&frames()[0]).unwrap();
         assert_eq!(*seen.lock().unwrap(), [expected]);
         assert_eq!(result.output.segments.size(), SIZE);
+    }
+}
+
+/// Finds a mask of a fixed size, and regions if it has them.
+struct OfSize(SegmentMap, Option<SegmentMap>);
+
+impl Segmenter for OfSize {
+    fn name(&self) -> &str {
+        "of-size"
+    }
+
+    fn segment(&mut self, _: &CameraFrame) -> Result<Segmentation, SegmenterError> {
+        let masks = vec![ScoredMask { mask: self.0.mask_of(1), score: 1.0 }];
+        Ok(Segmentation { regions: self.1.clone(), ..masks.into() })
+    }
+}
+
+#[test]
+fn masks_of_whole_frames_are_reduced_and_those_of_another_size_are_errors() {
+    let left = |size: (usize, usize)| SegmentMap::from_fn(size.0, size.1, |column, _| u32::from(2 * column < size.0));
+    let step = |masks: SegmentMap, regions: Option<SegmentMap>| {
+        let segmenter = Box::new(OfSize(masks, regions));
+        Pipeline::builder(&settings()).segmenter(segmenter).build().unwrap().step(&frames()[0])
+    };
+    let segments = step(left(SIZE), None).unwrap().output.segments;
+    assert_eq!([segments[(20, 90)], segments[(230, 90)]], [1, 0]);
+    for (masks, regions) in [(left((9, 9)), None), (left(REDUCED), None), (left(SIZE), Some(left((9, 9))))] {
+        let error = step(masks, regions).unwrap_err();
+        let text = format!("{error:?}");
+        assert!(text.contains("MaskSize") && text.contains("expected: (250, 190)"), "{text}");
     }
 }
 
