@@ -4,6 +4,7 @@
 //! segment from which the cheapest path leads to it. Paths across edges of colour and depth are expensive, so a border
 //! moves to an edge nearby, and stays halfway where there is none.
 
+use super::working_resolution::nearest;
 use rayon::prelude::*;
 use splatseg_geometry::{CameraFrame, Image, SegmentId, SegmentMap};
 
@@ -32,8 +33,8 @@ struct BorderPixel {
 /// Returns the segment of each pixel of `frame`, from the segments of the frame at a lower resolution.
 pub(super) fn enlarged(segments: &SegmentMap, frame: &CameraFrame) -> SegmentMap {
     let (width, height) = (frame.width(), frame.height());
-    let columns = reduced_pixels(width, segments.width());
-    let rows = reduced_pixels(height, segments.height());
+    let columns = nearest(segments.width(), width);
+    let rows = nearest(segments.height(), height);
     let sure = sure_pixels(segments);
     let mut ids = vec![0; width * height];
     ids.par_chunks_mut(width.max(1)).zip(&rows).for_each(|(ids, row)| {
@@ -98,11 +99,6 @@ fn step_cost(frame: &CameraFrame, one: usize, other: usize) -> f32 {
     let nearer = first.min(second);
     let depth = if nearer > 0.0 { (first - second).abs() / nearer } else { 0.0 };
     1.0 + f32::from(color) / COLOR_STEP + (depth / DEPTH_STEP).min(MAX_DEPTH_COST)
-}
-
-/// For each pixel of an axis, that of the reduced axis over it.
-fn reduced_pixels(size: usize, reduced: usize) -> Vec<usize> {
-    (0..size).map(|pixel| (2 * pixel + 1) * reduced / (2 * size)).collect()
 }
 
 /// The reduced pixels that keep their segment: those inside it, and those of parts that are too thin to have an inside.
@@ -200,7 +196,7 @@ mod tests {
             let frame = frame(size, |column, row| noise(row, column) as u8, |column, row| noise(column, row) as f32);
             let whole = enlarged(&segments, &frame);
             prop_assert_eq!(whole.size(), size);
-            let (columns, rows) = (reduced_pixels(size.0, reduced.0), reduced_pixels(size.1, reduced.1));
+            let (columns, rows) = (nearest(reduced.0, size.0), nearest(reduced.1, size.1));
             for (row, reduced_row) in rows.iter().enumerate() {
                 for (column, reduced_column) in columns.iter().enumerate() {
                     let id = whole[(column, row)];

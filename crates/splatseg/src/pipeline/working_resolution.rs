@@ -90,7 +90,7 @@ pub(super) fn reduced_segmentation(
 }
 
 /// For each pixel of an axis, the nearest one of the same axis with another number of pixels.
-fn nearest(from: usize, to: usize) -> Vec<usize> {
+pub(super) fn nearest(from: usize, to: usize) -> Vec<usize> {
     (0..to).map(|pixel| (2 * pixel + 1) * from / (2 * to)).collect()
 }
 
