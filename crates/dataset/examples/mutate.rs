@@ -114,7 +114,7 @@ fn read(path: &Path) -> bool {
     true
 }
 
-/// What was found of a reader.
+/// Counts and times of one reader.
 #[derive(Default)]
 struct Found {
     inputs: u64,

@@ -22,7 +22,7 @@ pub(super) struct NamedImage {
     pub(super) seconds: Option<f64>,
 }
 
-/// What to do with two files of the same name but for the extension.
+/// How two files are treated whose names differ only in the extension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Twins {
     /// They are an error.

@@ -1,4 +1,4 @@
-//! What the containers of recordings have in common: names of files, and what a reader of one passes on.
+//! Containers of recordings: names of their files, and the parts that all readers share.
 
 use super::zstd;
 use crate::ros_topics::contents::MessagePlace;

@@ -1,4 +1,4 @@
-//! What RealSense's SDK writes into recordings in its own way, translated to what ROS's drivers say.
+//! The dialect of recordings of RealSense's SDK, translated to the messages of ROS's drivers.
 //!
 //! Topics are named `/device_0/sensor_0/Depth_0/…`. Bags of ROS 1 (SDK up to 2.57) have camera infos without a frame, images
 //! whose frame is a number, and extrinsics as `geometry_msgs/Transform` in `…/tf/N`: the transform *from* the reference N to

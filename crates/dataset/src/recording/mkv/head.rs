@@ -1,4 +1,4 @@
-//! What a file says before its images: tracks, tags and attachments.
+//! The head of a file, before its images: tracks, tags and attachments.
 
 use super::ebml::{Elements, id, text, unsigned};
 use crate::ros_topics::frame_names::one_line;

@@ -31,7 +31,7 @@ const RECOGNITION_BYTES: u64 = 1 << 20;
 pub(super) struct Recording {
     files: ChunkedFiles,
     tracks: Vec<Track>,
-    /// What the file says about the camera.
+    /// Model and modes of the camera, if the file has them.
     pub(super) camera: Option<String>,
     /// Why there is no calibration.
     no_calibration: Option<String>,

@@ -18,8 +18,9 @@ const MAX_PART_BYTES: u64 = 16 << 20;
 const BLOCK_HEADER_BYTES: usize = 11;
 /// The first bytes of an image, which say whether it is a JPEG.
 const FIRST_BYTES: usize = 16;
-/// So many images of a track are read further, up to so many bytes: as far as their size is stated.
+/// Number of images of a track whose size is looked for.
 const SIZED_IMAGES: usize = 8;
+/// Number of bytes of an image in which its size is looked for.
 const SIZED_BYTES: u64 = 1 << 16;
 /// Bits of a block's flags that say that it has several frames.
 const LACING: u8 = 0b110;

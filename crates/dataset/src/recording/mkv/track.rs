@@ -18,7 +18,7 @@ pub(super) struct Track {
     pub(super) content: Content,
 }
 
-/// What the blocks of a track are.
+/// Content of a track's blocks.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Content {
     /// Files in JPEG.
