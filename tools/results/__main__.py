@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Makes the tables of the README, docs/RESULTS.md and docs/dev/ABLATIONS.md, and docs/RESULTS_TABLES.md, from commands.py.
+"""Makes the tables of docs/RESULTS.md and docs/dev/ABLATIONS.md, and docs/RESULTS_TABLES.md, from commands.py.
 
     python tools/results --data ../shared/data            # run what has not been run on this commit, write the tables
     python tools/results --data ../shared/data --only map # only the commands of one table

@@ -9,7 +9,7 @@ from appendix import INTRODUCTION, SECTIONS
 from commands import COMMANDS
 from tables import TABLES
 
-DOCUMENTS = ["README.md", "docs/RESULTS.md", "docs/dev/ABLATIONS.md"]
+DOCUMENTS = ["docs/RESULTS.md", "docs/dev/ABLATIONS.md"]
 APPENDIX = "docs/RESULTS_TABLES.md"
 BLOCK = re.compile(r"<!-- table (?P<name>[a-z0-9-]+) -->\n.*?<!-- end of table -->", re.DOTALL)
 

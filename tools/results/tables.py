@@ -365,7 +365,7 @@ TABLES = {
         ["methods-affinity", "paper-affinity", "map", "map-paper", "map-fastsam"],
         summary_table,
         False,
-        "the commands of [docs/RESULTS_TABLES.md](docs/RESULTS_TABLES.md)",
+        "the commands of [RESULTS_TABLES.md](RESULTS_TABLES.md)",
     ),
     "crops": Table(RULE_RUNS, crops_table),
     "rules": Table(RULE_RUNS, rules_table, False, "the commands of `crops` in [RESULTS_TABLES.md](../RESULTS_TABLES.md)"),

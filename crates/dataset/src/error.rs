@@ -52,7 +52,7 @@ pub enum DatasetError {
     },
     /// The path is a video of colour alone.
     #[error(
-        "{}: a video without depth, and depth is needed: give the recording that has both (formats: README.md), or the \
+        "{}: a video without depth, and depth is needed: give the recording that has both (formats: docs/FORMATS.md), or the \
          video's frames and a depth image for each as a folder (docs/FOLDER_FORMAT.md)",
         path.display()
     )]

@@ -1,4 +1,4 @@
-//! Every table of `docs/RESULTS.md` and the README states the version of the program that made it, the same for all.
+//! Every table of results states the version of the program that made it, the same for all.
 
 use std::collections::BTreeSet;
 use std::fs;

@@ -252,7 +252,7 @@ fn predictions_are_found_with_and_without_zeros_in_front() {
     assert!(padded.out.contains("3 frames, "), "{}", padded.out);
 }
 
-/// Makes a video from overlays with the README's command.
+/// Makes a video from overlays with the command of docs/RUNNING.md.
 #[test]
 fn ffmpeg_makes_a_video_of_the_overlays() {
     let folder = tempfile::tempdir().unwrap();
