@@ -40,3 +40,4 @@ mod standins;
 mod support;
 mod terminal;
 mod trajectory;
+mod tutorial;
