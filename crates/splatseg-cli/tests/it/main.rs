@@ -26,6 +26,7 @@ mod name;
 mod objects;
 mod output_folder;
 mod page_browser;
+mod page_controls;
 mod page_large;
 mod paper;
 mod poses;
