@@ -2,6 +2,7 @@
 
 import { ChangeList } from "./change_list.js";
 import { Clock } from "./clock.js";
+import { listenToComparison } from "./comparison.js";
 import { listenToDownloads } from "./downloads.js";
 import { byElementId, counted, nameOf, note } from "./element.js";
 import { FrameIds } from "./frame_ids.js";
@@ -154,6 +155,7 @@ export function showRun(run) {
   describe(run);
   const controls = listenToControls(() => map, showTime, () => link.change());
   listenToKeys({
+    c: listenToComparison(() => map),
     m: controls.m,
     r: controls.r,
     o: () => picture.toggleOverlay(),

@@ -25,6 +25,8 @@ export class MapView {
   #follow = false;
   /** Tells which objects are drawn; null for all. */
   #isShown = null;
+  /** True while the map of another run is shown. */
+  #isOther = false;
   #frame = 0;
   #drawing;
   #isWaiting = false;
@@ -67,8 +69,8 @@ export class MapView {
   }
 
   /** The Gaussians of a map, as something that is drawn. */
-  #splatsOf(map, byId, added) {
-    const splats = new Splats(map, byId, this.#run.places(), added);
+  #splatsOf(map, byId, added, places = this.#run.places()) {
+    const splats = new Splats(map, byId, places, added);
     splats.uniforms.up.value = new Vector3(...this.#run.up);
     this.#drawing.add(splats);
     return splats;
@@ -216,6 +218,23 @@ export class MapView {
     this.draw();
   }
 
+  /** Takes the map of another run, which is shown in the place of this one's. */
+  setOther(run) {
+    if (this.other) this.#drawing.remove(this.other);
+    const min = run.map.min.map((value, axis) => value + run.origin[axis] - this.#run.origin[axis]);
+    this.other = this.#splatsOf({ ...run.map, min }, run.byId, new Set(), run.places());
+    const { selected, ...others } = this.splats.uniforms;
+    for (const [name, uniform] of Object.entries(others)) this.other.uniforms[name].value = uniform.value;
+  }
+
+  /** Shows the map of the other run, or this one's. */
+  showOther(wanted) {
+    this.#isOther = wanted && Boolean(this.other);
+    this.#drawing.show(this.splats, !this.#isOther);
+    if (this.other) this.#drawing.show(this.other, this.#isOther);
+    this.draw();
+  }
+
   /** Shows the objects for which `isShown(id)` is true, and hides the others. */
   showObjects(isShown) {
     this.#isShown = isShown;
@@ -245,7 +264,8 @@ export class MapView {
 
   /** Highlights an object, or none. */
   mark(id) {
-    for (const splats of this.#allSplats()) splats.uniforms.selected.value = id;
+    // Ids of another run are of other objects.
+    for (const splats of this.#allSplats()) splats.uniforms.selected.value = splats === this.other ? 0 : id;
     const box = id ? this.#boxOf(id) : null;
     this.box.visible = box !== null;
     if (box) this.box.matrix.copy(box);
@@ -297,7 +317,7 @@ export class MapView {
   }
 
   #allSplats() {
-    return this.before ? [this.splats, this.before] : [this.splats];
+    return [this.splats, this.before, this.other].filter(Boolean);
   }
 
   /** The Gaussians at old places, and a box around each place; lines lead from old places to new ones. */
@@ -332,7 +352,7 @@ export class MapView {
       pressed = null;
       if (moved === null || moved > CLICK_PIXELS || event.button !== 0) return;
       const hit = this.#hitAt(event);
-      if (!this.measure.isOn) onPick(hit?.id ?? 0);
+      if (!this.measure.isOn) onPick(this.#isOther ? 0 : (hit?.id ?? 0));
       else if (hit) this.measure.add(hit.point);
     });
   }
@@ -343,7 +363,7 @@ export class MapView {
     const matrix = this.camera.projectionMatrix.clone().multiply(this.camera.matrixWorldInverse);
     const pixels = this.#pixelsPerMetre(height);
     const view = { x: event.clientX - left, y: event.clientY - top, width, height, pixels };
-    return this.splats.hitAt(matrix.elements, this.camera.position, view);
+    return (this.#isOther ? this.other : this.splats).hitAt(matrix.elements, this.camera.position, view);
   }
 
   /** Size in pixels of one metre at a distance of one metre, in a view of this height. */

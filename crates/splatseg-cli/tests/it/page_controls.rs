@@ -350,6 +350,44 @@ fn files_are_downloaded() {
 }
 
 #[test]
+fn another_run_is_compared() {
+    let Some(mut browser) = room("another_run_is_compared", (1440, 900), "") else { return };
+    let choose = |text: &str| {
+        format!(
+            "(() => {{ const files = new DataTransfer(); files.items.add(new File([{text}], 'run.js')); \
+             const input = document.getElementById('other-file'); input.files = files.files; input.dispatchEvent(new Event('change')); }})()"
+        )
+    };
+    // The same run, moved by two metres, of one object.
+    let own = screenshot(&mut browser);
+    browser.value(&choose(
+        "'var splatsegRun=' + JSON.stringify({ ...splatsegRun, scene: 'moved', objects: splatsegRun.objects.slice(0, 1), \
+         origin: splatsegRun.origin.map((value) => value + 2) }) + ';'",
+    ));
+    browser.wait_for("document.getElementById('other').value === 'other'");
+    assert_ne!(screenshot(&mut browser), own);
+    let moved = browser.value(
+        "[0, 1, 2].map((axis) => Math.round(100 * (splatsegPage.map.other.positions[axis] - splatsegPage.map.splats.positions[axis])))",
+    );
+    assert_eq!(moved, json!([200, 200, 200]));
+    let text = browser.value("document.getElementById('other').selectedOptions[0].textContent");
+    assert!(text.as_str().unwrap().starts_with("moved: 1 object, "), "{text}");
+    // The key returns to this run, unless it chooses in the list.
+    browser.value("document.activeElement.blur()");
+    browser.press("c");
+    assert_eq!(browser.value("document.getElementById('other').value"), "this");
+    assert_eq!(screenshot(&mut browser).get_pixel(400, 400), own.get_pixel(400, 400));
+    // Nothing in the file is executed.
+    for text in ["'window.harm = 1'", "'var splatsegRun=window.harm = 1;'", "'var splatsegRun={};'"] {
+        browser.value("document.getElementById('map-note').hidden = true");
+        browser.value(&choose(text));
+        browser.wait_for("!document.getElementById('map-note').hidden");
+    }
+    assert_eq!(browser.value("window.harm === undefined"), true);
+    assert_eq!(browser.errors, [] as [String; 0]);
+}
+
+#[test]
 fn help_opens_by_key_and_all_controls_have_names() {
     let test = "help_opens_by_key_and_all_controls_have_names";
     let Some(mut browser) = room(test, (400, 850), "") else { return };
