@@ -4,6 +4,7 @@ import { Color, Matrix4, PerspectiveCamera, Quaternion, Scene, Vector3, WebGLRen
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { changesOf } from "./change_list.js";
 import { firstView } from "./first_view.js";
+import { listenToMapKeys } from "./map_keys.js";
 import { lines, setLines, unitBox, unitBoxOf } from "./map_lines.js";
 import { showScale } from "./map_scale.js";
 import { Measure } from "./measure.js";
@@ -57,6 +58,10 @@ export class MapView {
     this.controls.addEventListener("change", () => this.draw());
     this.controls.addEventListener("start", () => (this.#touched = true));
     this.controls.addEventListener("end", () => actions.moved?.());
+    listenToMapKeys(this.#canvas, this.controls, () => {
+      this.#touched = true;
+      actions.moved?.();
+    });
     this.#addLines();
     this.measure = new Measure(this.#scene, () => this.draw());
     if (this.before) this.#addChanges(changes);

@@ -306,6 +306,12 @@ fn a_link_shows_the_same() {
     open(&mut browser, room_with_map(), hash.as_str().unwrap());
     assert_eq!(browser.value(state), expected);
     assert_eq!(expected[1], id.to_string());
+    // Keys turn the map while it has the focus, and not the frame.
+    browser.value("document.getElementById('view').focus()");
+    browser.press("ArrowLeft");
+    browser.press("+");
+    let moved = browser.value(state);
+    assert_eq!((&moved[0], moved[6] == expected[6]), (&expected[0], false));
     // What is wrong in a link is left out.
     browser.open_url("about:blank");
     open(&mut browser, room_with_map(), "#frame=-7&object=999999&view=1,2,x&overlay=no&hide=,,&height=abc");
