@@ -55,6 +55,11 @@ export class Splats {
     this.geometry.dispose();
   }
 
+  /** Shows or hides the added objects. */
+  showAdded(wanted) {
+    this.uniforms.showAdded.value = Number(wanted);
+  }
+
   /** Shows the objects for which `isShown(id)` is true, and hides the others. */
   showObjects(isShown) {
     const known = new Map();

@@ -28,6 +28,7 @@ mod output_folder;
 mod page_browser;
 mod page_controls;
 mod page_large;
+mod page_map;
 mod paper;
 mod poses;
 mod recording;

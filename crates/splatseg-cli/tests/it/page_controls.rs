@@ -8,109 +8,18 @@ use serde_json::{Value, json};
 use std::path::Path;
 
 /// The page of the room, opened in a browser of this size.
-fn room(test: &str, (width, height): (u32, u32), hash: &str) -> Option<Browser> {
+pub fn room(test: &str, (width, height): (u32, u32), hash: &str) -> Option<Browser> {
     let mut browser = Browser::start(test, width, height)?;
     open(&mut browser, room_with_map(), hash);
     Some(browser)
 }
 
-fn number(browser: &mut Browser, expression: &str) -> f64 {
-    browser.value(expression).as_f64().unwrap_or_else(|| panic!("{expression}"))
-}
-
 /// An object that is in the map and in the frames.
-fn object_in_map(browser: &mut Browser) -> u64 {
+pub fn object_in_map(browser: &mut Browser) -> u64 {
     browser
         .value("splatsegRun.objects.find(({ gaussians, frames }) => gaussians > 50 && frames > 1).id")
         .as_u64()
         .unwrap()
-}
-
-/// Fractions of the drawn Gaussians beside the stage, and of the stage's width and height that the others span.
-const SPAN: &str = "(() => { const { map } = splatsegPage; map.camera.updateMatrixWorld(); const { splats, camera } = map; \
-    const place = camera.position.clone(); const [xs, ys] = [[], []]; let outside = 0; \
-    for (let index = 0; index < splats.count; index++) { if (splats.isHidden(index, camera.position)) continue; \
-    const { x, y } = place.fromArray(splats.positions, 3 * index).project(camera); xs.push(x); ys.push(y); \
-    outside += Math.abs(x) > 1 || Math.abs(y) > 1 ? 1 : 0; } \
-    const span = (values) => { const sorted = Float64Array.from(values).sort(); const at = (part) => sorted[Math.round(part * (sorted.length - 1))]; \
-    return (at(0.995) - at(0.005)) / 2; }; return [outside / xs.length, span(xs), span(ys)]; })()";
-
-#[test]
-fn the_first_view_fits_the_map_in_any_window() {
-    let test = "the_first_view_fits_the_map_in_any_window";
-    let Some(mut browser) = room(test, (1440, 900), "") else { return };
-    for (width, height) in [(1440, 900), (400, 850)] {
-        browser.resize(width, height);
-        browser.wait_for("splatsegPage.map.camera.aspect === document.getElementById('stage').clientWidth / document.getElementById('stage').clientHeight");
-        let found = browser.value(SPAN);
-        let [outside, across, down] = [0, 1, 2].map(|at| found[at].as_f64().unwrap());
-        assert!(outside < 0.01, "{width}: {found}");
-        assert!(across.max(down) > 0.8 && across.max(down) <= 1.0, "{width}: {found}");
-        // Nothing lies beside a narrow page.
-        assert_eq!(
-            number(&mut browser, "document.documentElement.scrollWidth - document.documentElement.clientWidth"),
-            0.0
-        );
-    }
-    assert_eq!(browser.errors, [] as [String; 0]);
-}
-
-#[test]
-fn near_walls_and_what_is_high_can_be_left_out() {
-    let test = "near_walls_and_what_is_high_can_be_left_out";
-    let Some(mut browser) = room(test, (1000, 720), "") else { return };
-    let hidden = "(() => { const { splats, camera } = splatsegPage.map; let count = 0; \
-        for (let index = 0; index < splats.count; index++) count += splats.isHidden(index, camera.position) ? 1 : 0; return count / splats.count; })()";
-    // From behind what the cameras saw.
-    browser.value(
-        "(() => { const { map } = splatsegPage; const [x, y, z, ...target] = [...map.camera.position, ...map.controls.target]; \
-         const back = [x, y, z].map((value, axis) => 2 * target[axis] - value); \
-         map.view = [...back, ...target]; map.drawNow(); })()",
-    );
-    let cut = (number(&mut browser, hidden), screenshot(&mut browser));
-    assert!(cut.0 > 0.05, "{}", cut.0);
-    browser.click_on("#cut");
-    let whole = (number(&mut browser, hidden), screenshot(&mut browser));
-    assert_eq!(whole.0, 0.0);
-    assert_ne!(cut.1, whole.1);
-    browser.value("(() => { const ceiling = document.getElementById('ceiling'); ceiling.value = '50'; ceiling.dispatchEvent(new Event('input')); })()");
-    let lower = number(&mut browser, hidden);
-    assert!((0.05..0.95).contains(&lower), "{lower}");
-    assert_ne!(screenshot(&mut browser), whole.1);
-    assert_eq!(browser.errors, [] as [String; 0]);
-}
-
-#[test]
-fn a_selection_dims_the_other_objects_in_their_own_colours() {
-    let test = "a_selection_dims_the_other_objects_in_their_own_colours";
-    let Some(mut browser) = room(test, (1000, 720), "#colors=true") else { return };
-    browser.click_on("#path");
-    let id = object_in_map(&mut browser);
-    let before = screenshot(&mut browser);
-    browser.value(&format!(
-        "(() => {{ splatsegPage.select({id}); splatsegPage.map.box.visible = false; splatsegPage.map.drawNow(); }})()"
-    ));
-    let after = screenshot(&mut browser);
-    let (left, top, width, height) = browser.place_of("#view");
-    let ground = *before.get_pixel(left as u32 + 20, top as u32 + 20);
-    let (mut kept, mut dimmed, mut other) = (0, 0, 0);
-    for (column, row) in (0..20).flat_map(|column| (2..18).map(move |row| (column, row))) {
-        let x = (left + width * (f64::from(column) + 0.5) / 20.0) as u32;
-        let y = (top + height * (f64::from(row) + 0.5) / 20.0) as u32;
-        let (old, new) = (before.get_pixel(x, y), after.get_pixel(x, y));
-        let is_close = |part: f64| {
-            (0..3).all(|channel| {
-                let expected = f64::from(old[channel]) * (1.0 - part) + f64::from(ground[channel]) * part;
-                (expected - f64::from(new[channel])).abs() < 8.0
-            })
-        };
-        match (is_close(0.0), is_close(0.62)) {
-            (_, true) => dimmed += 1,
-            (true, false) => kept += 1,
-            (false, false) => other += 1,
-        }
-    }
-    assert!(dimmed > 100 && other < 40, "{dimmed} dimmed, {kept} kept, {other} neither");
 }
 
 #[test]
@@ -141,35 +50,6 @@ fn the_picture_is_shown_without_its_overlay() {
     browser.value("(() => { const opacity = document.getElementById('opacity'); opacity.value = '30'; opacity.dispatchEvent(new Event('input')); })()");
     let faint = difference(&mut browser);
     assert!(without < 6.0 && without + 3.0 < faint && faint + 3.0 < with, "{without} {faint} {with}");
-    assert_eq!(browser.errors, [] as [String; 0]);
-}
-
-#[test]
-fn objects_are_isolated_and_hidden() {
-    let Some(mut browser) = room("objects_are_isolated_and_hidden", (1000, 720), "") else { return };
-    let id = object_in_map(&mut browser);
-    let shown = format!(
-        "(() => {{ const {{ splats }} = splatsegPage.map; const of = (wanted) => splats.shown.filter((value, index) => value && (splats.ids[index] === {id}) === wanted).length; return [of(true) > 0, of(false) > 0]; }})()"
-    );
-    let all = screenshot(&mut browser);
-    browser.click_on(&format!("#list [data-object='{id}']"));
-    browser.press("i");
-    assert_eq!(browser.value(&shown), json!([true, false]));
-    assert_eq!(
-        browser
-            .value("[...document.querySelectorAll('#info [aria-pressed=true]')].map((button) => button.textContent)"),
-        json!(["Isolate"])
-    );
-    assert_ne!(screenshot(&mut browser), all);
-    // Another object alone, then no object: all.
-    browser.press("Escape");
-    assert_eq!(browser.value(&shown), json!([true, true]));
-    browser.click_on(&format!("#list [data-object='{id}']"));
-    browser.press("h");
-    assert_eq!(browser.value(&shown), json!([false, true]));
-    assert_eq!(browser.value("document.getElementById('show-all').textContent"), "Show 1 hidden");
-    browser.click_on("#show-all");
-    assert_eq!(browser.value(&shown), json!([true, true]));
     assert_eq!(browser.errors, [] as [String; 0]);
 }
 
@@ -247,46 +127,6 @@ fn the_clock_keeps_real_time_and_the_speed_changes_it() {
 }
 
 #[test]
-fn axes_scale_and_measured_lengths_are_true() {
-    let test = "axes_scale_and_measured_lengths_are_true";
-    let Some(mut browser) = room(test, (1000, 720), "") else { return };
-    browser.value("splatsegPage.map.drawNow()");
-    // The bar against two places beside each other in the middle of the view.
-    let found = browser.value(
-        "(() => { const { map } = splatsegPage; const { camera, controls } = map; camera.updateMatrixWorld(); \
-         const right = controls.target.clone().setFromMatrixColumn(camera.matrixWorld, 0); const stage = document.getElementById('stage'); \
-         const x = (place) => place.project(camera).x * stage.clientWidth / 2; \
-         const metre = x(controls.target.clone().add(right)) - x(controls.target.clone()); \
-         const [, length, unit] = document.getElementById('scale-length').textContent.match(/^(\\d+) (m|cm|mm)$/); \
-         const metres = length * { m: 1, cm: 0.01, mm: 0.001 }[unit]; \
-         return [document.getElementById('scale-bar').getBoundingClientRect().width, metres * metre]; })()",
-    );
-    let (bar, expected) = (found[0].as_f64().unwrap(), found[1].as_f64().unwrap());
-    assert!((bar - expected).abs() < 1.0 && (50.0..=141.0).contains(&bar), "{bar} {expected}");
-    // An axis points where a step along it leads.
-    let axis = browser.value(
-        "(() => { const { camera, controls } = splatsegPage.map; camera.updateMatrixWorld(); \
-         const line = document.querySelector('#axis-z line'); const from = controls.target.clone().project(camera); \
-         const to = controls.target.clone(); to.z += 0.01; to.project(camera); \
-         const shown = [Number(line.getAttribute('x2')), -Number(line.getAttribute('y2'))]; const true_ = [(to.x - from.x) * camera.aspect, to.y - from.y]; \
-         return (shown[0] * true_[0] + shown[1] * true_[1]) / Math.hypot(...shown) / Math.hypot(...true_); })()",
-    );
-    assert!(axis.as_f64().unwrap() > 0.99, "{axis}");
-    browser.press("m");
-    let (left, top, width, height) = browser.place_of("#view");
-    browser.click(left + 0.45 * width, top + 0.5 * height);
-    assert_eq!(browser.value("document.getElementById('length').textContent"), "Click the other place.");
-    browser.click(left + 0.55 * width, top + 0.55 * height);
-    let length = number(&mut browser, "splatsegPage.map.measure.length");
-    assert_eq!(browser.value("document.getElementById('length').textContent"), format!("{length:.3} m"));
-    assert!((0.02..5.0).contains(&length), "{length}");
-    assert_eq!(selected(&mut browser), 0, "measuring does not select");
-    browser.press("Escape");
-    assert_eq!(browser.value("document.getElementById('length').hidden"), true);
-    assert_eq!(browser.errors, [] as [String; 0]);
-}
-
-#[test]
 fn a_link_shows_the_same() {
     let Some(mut browser) = room("a_link_shows_the_same", (1000, 720), "#frame=2") else { return };
     let id = object_in_map(&mut browser);
@@ -331,10 +171,7 @@ fn files_are_downloaded() {
         ));
         STANDARD.decode(file.as_str().unwrap()).unwrap()
     };
-    let run: Value = {
-        let script = std::fs::read_to_string(room_with_map().join("viewer/run.js")).unwrap();
-        serde_json::from_str(script.trim_start_matches("var splatsegRun=").trim_end_matches(";\n")).unwrap()
-    };
+    let run = run_data(&room_with_map().join("viewer/run.js"));
     let csv = String::from_utf8(saved("save-csv")).unwrap();
     let objects = run["objects"].as_array().unwrap();
     assert_eq!(csv.lines().count(), 1 + objects.len());
@@ -352,44 +189,6 @@ fn files_are_downloaded() {
     let (min, size) = (run["map"]["min"][0].as_f64().unwrap(), run["map"]["size"][0].as_f64().unwrap());
     let origin = run["origin"][0].as_f64().unwrap();
     assert!((origin + min - 1e-3..=origin + min + size + 1e-3).contains(&x), "{x}");
-    assert_eq!(browser.errors, [] as [String; 0]);
-}
-
-#[test]
-fn another_run_is_compared() {
-    let Some(mut browser) = room("another_run_is_compared", (1440, 900), "") else { return };
-    let choose = |text: &str| {
-        format!(
-            "(() => {{ const files = new DataTransfer(); files.items.add(new File([{text}], 'run.js')); \
-             const input = document.getElementById('other-file'); input.files = files.files; input.dispatchEvent(new Event('change')); }})()"
-        )
-    };
-    // The same run, moved by two metres, of one object.
-    let own = screenshot(&mut browser);
-    browser.value(&choose(
-        "'var splatsegRun=' + JSON.stringify({ ...splatsegRun, scene: 'moved', objects: splatsegRun.objects.slice(0, 1), \
-         origin: splatsegRun.origin.map((value) => value + 2) }) + ';'",
-    ));
-    browser.wait_for("document.getElementById('other').value === 'other'");
-    assert_ne!(screenshot(&mut browser), own);
-    let moved = browser.value(
-        "[0, 1, 2].map((axis) => Math.round(100 * (splatsegPage.map.other.positions[axis] - splatsegPage.map.splats.positions[axis])))",
-    );
-    assert_eq!(moved, json!([200, 200, 200]));
-    let text = browser.value("document.getElementById('other').selectedOptions[0].textContent");
-    assert!(text.as_str().unwrap().starts_with("moved: 1 object, "), "{text}");
-    // The key returns to this run, unless it chooses in the list.
-    browser.value("document.activeElement.blur()");
-    browser.press("c");
-    assert_eq!(browser.value("document.getElementById('other').value"), "this");
-    assert_eq!(screenshot(&mut browser).get_pixel(400, 400), own.get_pixel(400, 400));
-    // Nothing in the file is executed.
-    for text in ["'window.harm = 1'", "'var splatsegRun=window.harm = 1;'", "'var splatsegRun={};'"] {
-        browser.value("document.getElementById('map-note').hidden = true");
-        browser.value(&choose(text));
-        browser.wait_for("!document.getElementById('map-note').hidden");
-    }
-    assert_eq!(browser.value("window.harm === undefined"), true);
     assert_eq!(browser.errors, [] as [String; 0]);
 }
 
@@ -439,6 +238,12 @@ fn assert_contrast(browser: &mut Browser, scheme: &str) {
     }
 }
 
+/// The data of a run's page.
+pub fn run_data(file: &Path) -> Value {
+    let script = std::fs::read_to_string(file).unwrap();
+    serde_json::from_str(script.strip_prefix("var splatsegRun=").unwrap().strip_suffix(";\n").unwrap()).unwrap()
+}
+
 #[test]
 fn a_run_without_plain_pictures_shows_its_overlays() {
     let test = "a_run_without_plain_pictures_shows_its_overlays";
@@ -452,7 +257,7 @@ fn a_run_without_plain_pictures_shows_its_overlays() {
 }
 
 /// Copies the page of a run that was made before the page had pictures without overlay.
-fn copy_without_pictures(from: &Path, to: &Path) {
+pub fn copy_without_pictures(from: &Path, to: &Path) {
     std::fs::copy(from.join("index.html"), to.join("index.html")).unwrap();
     for folder in ["viewer", "overlay"] {
         std::fs::create_dir(to.join(folder)).unwrap();
