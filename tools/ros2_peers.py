@@ -177,7 +177,9 @@ def watch(arguments):
     if status:
         print("; ".join(f"{value.key} {value.value}" for value in status.status[0].values))
     if latest and arguments.objects:
-        compare(latest, json.loads(arguments.objects.read_text())["objects"])
+        listed = json.loads(arguments.objects.read_text())
+        # The topic has tentative objects, too.
+        compare(latest, listed["objects"] + listed["not_counted"])
 
 
 def compare(message, objects):

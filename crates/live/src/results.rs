@@ -84,12 +84,12 @@ impl Results {
         let list = objects(pipeline, seen);
         outlet.show_objects(&list);
         if outlet.wants(Output::Objects) {
-            send(outlet, Output::Objects, to_cdr(&self.detections(stamp, list.objects.iter())));
+            send(outlet, Output::Objects, to_cdr(&self.detections(stamp, list.all())));
         }
         if outlet.wants(Output::Markers) {
             let nanoseconds = time(stamp).nanoseconds();
             let shown: Vec<ShownObject> =
-                list.objects.iter().filter_map(|object| ShownObject::new(nanoseconds, object)).collect();
+                list.all().filter_map(|object| ShownObject::new(nanoseconds, object)).collect();
             let ids: BTreeSet<SegmentId> = shown.iter().map(|object| object.id).collect();
             let mut message = markers(&shown, &self.marked.difference(&ids).copied().collect::<Vec<_>>());
             let header = Header { stamp: time(stamp), frame_id: self.world().to_owned() };

@@ -11,7 +11,7 @@ use splatseg::pipeline::{FrameResult, LateFrame, LoadedNetworks, PipelineError, 
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{StreamedFrame, UndecodedFrame};
 use splatseg_geometry::{CameraFrame, Image, Intrinsics};
-use splatseg_objects::{FrameStamp, Object, ObjectList, SeenObjects};
+use splatseg_objects::{FrameStamp, Object, ObjectCounts, ObjectList, SeenObjects};
 use splatseg_ros::{Detection3dArray, Header, Time, to_cdr};
 use std::path::Path;
 use std::sync::Arc;
@@ -362,7 +362,7 @@ impl LiveSession {
         self.status.rate_hz = self.times.since(SECOND) as f32;
         self.status.counts = self.stream.counts();
         self.status.gaussians = self.pipeline.map().map_or(0, |map| map.gaussian_count());
-        self.status.objects = self.seen.objects().len();
+        self.status.objects = ObjectCounts::new(self.pipeline.objects(), self.pipeline.map()).objects;
         if self.outlet.wants(Output::Diagnostics) {
             let now = i64::try_from(self.outlet.clock().unwrap_or_else(LiveStream::now).as_nanos()).unwrap_or(i64::MAX);
             let header = Header { stamp: Time::from_nanoseconds(now), frame_id: String::new() };
@@ -413,7 +413,7 @@ impl LiveSession {
             LiveRequest::Save => {
                 self.save()?;
                 let path = self.options.saved_map.as_ref().map(|files| files.map().display().to_string());
-                Ok(format!("saved {} objects to {}", self.seen.objects().len(), path.unwrap_or_default()))
+                Ok(format!("saved {} to {}", self.objects().counts(), path.unwrap_or_default()))
             }
             LiveRequest::Load(path) => {
                 let saved = self.options.saved_map.as_ref().map(|files| files.map().to_owned());
@@ -449,6 +449,6 @@ impl LiveSession {
     /// Returns the chosen objects, as in the messages of [`Output::Objects`].
     pub fn detections(&self, is_chosen: impl Fn(&Object) -> bool) -> Detection3dArray {
         let list = self.objects();
-        self.results.detections(self.latest_stamp, list.objects.iter().filter(|object| is_chosen(object)))
+        self.results.detections(self.latest_stamp, list.all().filter(|object| is_chosen(object)))
     }
 }

@@ -35,7 +35,7 @@ pub struct LiveStatus {
     pub frame_time: Duration,
     /// Objects in the latest frame.
     pub visible_objects: usize,
-    /// All objects so far.
+    /// Objects so far: those that count.
     pub objects: usize,
     /// Gaussians of the map.
     pub gaussians: usize,

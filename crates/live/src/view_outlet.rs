@@ -84,7 +84,7 @@ impl Outlet for ViewOutlet {
     }
 
     fn show_objects(&mut self, objects: &ObjectList) {
-        let shown = objects.objects.iter().map(|object| ViewObject {
+        let shown = objects.all().map(|object| ViewObject {
             id: object.id,
             label: object.label.clone(),
             oriented_box: object.shape.as_ref().map(|shape| shape.oriented_box),

@@ -225,6 +225,14 @@ impl Segments {
         }
     }
 
+    /// Counts the frames that show an id again: `before` of its sightings are replaced by `after`.
+    pub fn recount(&mut self, id: SegmentId, before: u32, after: u32) {
+        if let Some(segment) = self.live.get_mut(&id) {
+            segment.sightings = segment.sightings.saturating_sub(before).saturating_add(after);
+            self.changed.insert(id);
+        }
+    }
+
     /// True if an id is tentative: predicted in one frame at most.
     pub fn is_tentative(&self, id: SegmentId) -> bool {
         let is_spare = || self.released.sightings(id).is_some();

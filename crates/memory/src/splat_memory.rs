@@ -328,6 +328,17 @@ impl SplatMemory {
         Ok(FrameUpdate { new_segments, forgotten, ..FrameUpdate::default() })
     }
 
+    /// The largest id given out so far.
+    pub fn highest_id(&self) -> SegmentId {
+        self.segments.highest()
+    }
+
+    /// Counts the frames that show an id again, after earlier frames were decided again: of its sightings, `before` were
+    /// in these frames, and now it is `after`. So [`MapView::is_tentative`] refers to what the frames show in the end.
+    pub fn recount_sightings(&mut self, id: SegmentId, before: u32, after: u32) {
+        self.segments.recount(id, before, after);
+    }
+
     /// Records the ids that a frame shows, `[height, width]`, 0 for none. Ids that were shown side by side never become
     /// one.
     pub fn record_shown(&mut self, segments: &SegmentMap) {

@@ -55,7 +55,7 @@ const COLUMNS: [&str; 46] = [
 ];
 
 impl ObjectList {
-    /// The objects as comma-separated values (RFC 4180), with a header line. Unknown values are empty.
+    /// The objects that count as comma-separated values (RFC 4180), with a header line. Unknown values are empty.
     pub fn to_csv(&self) -> String {
         let mut text = COLUMNS.join(",") + "\n";
         for object in &self.objects {

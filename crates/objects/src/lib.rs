@@ -18,7 +18,7 @@ mod vertex_ids;
 
 pub use changes::{ChangedObject, DepthView, MapChanges, MovedObject, ObservedMap, PlaceSight, UnchangedObject};
 pub use kept_views::KeptViews;
-pub use list::{BestView, Conventions, FrameStamp, Object, ObjectList, ObjectState};
+pub use list::{BestView, Conventions, FrameStamp, Object, ObjectCounts, ObjectList, ObjectState};
 pub use names::{LabelScore, NameError, ObjectName, ObjectNames};
 pub use object_view::ObjectView;
 pub use remap_log::RemapLog;

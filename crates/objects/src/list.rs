@@ -4,7 +4,9 @@ use crate::{BoundingBox, LabelScore, ObjectLog, ObjectNames, ObjectShape, SeenOb
 use serde::{Deserialize, Serialize};
 use serde_json::ser::Formatter;
 use splatseg_geometry::{MapView, SegmentId};
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::io::{self, Write};
 
 /// Every object that a run has seen or that is in its memory.
@@ -23,8 +25,23 @@ pub struct ObjectList {
     pub frames: usize,
     /// Units and coordinate frames of the objects' numbers.
     pub conventions: Conventions,
-    /// The objects, by increasing id.
+    /// The objects that count ([`Object::counts`]), those that most frames show first, then by id. Their number is the
+    /// number of objects, wherever one is given.
     pub objects: Vec<Object>,
+    /// The others, in the same order: tentative and forgotten ones.
+    #[serde(default)]
+    pub not_counted: Vec<Object>,
+}
+
+/// Numbers of objects by their state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ObjectCounts {
+    /// Objects that count: [`Object::counts`].
+    pub objects: usize,
+    /// Tentative ones: seen in one frame only, so each may be a mistake.
+    pub tentative: usize,
+    /// Forgotten ones: no longer in the memory.
+    pub forgotten: usize,
 }
 
 /// Units and conventions of an [`ObjectList`].
@@ -119,11 +136,19 @@ pub struct BestView {
     pub crop: Option<String>,
 }
 
+impl Object {
+    /// True if the object counts: it is in the memory and was seen in two frames or more. Of a method without a memory,
+    /// everything that it has seen counts.
+    pub fn counts(&self) -> bool {
+        matches!(self.state, None | Some(ObjectState::Remembered))
+    }
+}
+
 impl ObjectList {
     /// The value of the key `format`.
     pub const FORMAT: &'static str = "splatseg-objects";
-    /// The value of the key `version`.
-    pub const VERSION: u32 = 1;
+    /// The value of the key `version`. Version 1 had all objects under `objects`, by increasing id.
+    pub const VERSION: u32 = 2;
 
     /// The objects in a log or a map. Without a map, shapes and states are unknown.
     ///
@@ -152,22 +177,76 @@ impl ObjectList {
                 best_view: None,
             }
         };
-        Self {
+        let (objects, not_counted) = ids.into_iter().map(object).partition(Object::counts);
+        let mut list = Self {
             format: Self::FORMAT.to_owned(),
             version: Self::VERSION,
             scene: None,
             frames: log.frames(),
             conventions: Conventions::default(),
-            objects: ids.into_iter().map(object).collect(),
+            objects,
+            not_counted,
+        };
+        list.sort();
+        list
+    }
+
+    /// All objects, first those that count.
+    pub fn all(&self) -> impl Iterator<Item = &Object> {
+        self.objects.iter().chain(&self.not_counted)
+    }
+
+    fn all_mut(&mut self) -> impl Iterator<Item = &mut Object> {
+        self.objects.iter_mut().chain(&mut self.not_counted)
+    }
+
+    /// The object with this id.
+    pub fn get(&self, id: SegmentId) -> Option<&Object> {
+        self.all().find(|object| object.id == id)
+    }
+
+    /// The list with the tentative objects among those that count, for users who ask for them.
+    #[must_use]
+    pub fn with_tentative(mut self) -> Self {
+        let (tentative, rest) =
+            self.not_counted.into_iter().partition(|object: &Object| object.state == Some(ObjectState::Tentative));
+        self.objects.extend::<Vec<Object>>(tentative);
+        self.not_counted = rest;
+        self.sort();
+        self
+    }
+
+    /// The numbers of objects.
+    pub fn counts(&self) -> ObjectCounts {
+        let of = |state| self.not_counted.iter().filter(|object| object.state == Some(state)).count();
+        ObjectCounts {
+            objects: self.objects.len(),
+            tentative: of(ObjectState::Tentative),
+            forgotten: of(ObjectState::Forgotten),
+        }
+    }
+
+    /// Sets the number of frames that show some objects.
+    pub fn set_frames(&mut self, frames: &BTreeMap<SegmentId, usize>) {
+        for object in self.all_mut() {
+            if let Some(frames) = frames.get(&object.id) {
+                object.frames = *frames;
+            }
+        }
+        self.sort();
+    }
+
+    /// Puts the objects that most frames show first.
+    fn sort(&mut self) {
+        for objects in [&mut self.objects, &mut self.not_counted] {
+            objects.sort_by_key(|object| (Reverse(object.frames), object.id));
         }
     }
 
     /// Adds the first and last frame, confidence and best view of each object.
     pub fn add_sightings(&mut self, seen: &SeenObjects) {
-        let by_id: BTreeMap<SegmentId, usize> =
-            self.objects.iter().enumerate().map(|(index, object)| (object.id, index)).collect();
-        for (id, sightings) in seen.objects() {
-            let Some(object) = by_id.get(id).and_then(|index| self.objects.get_mut(*index)) else { continue };
+        for object in self.all_mut() {
+            let Some(sightings) = seen.objects().get(&object.id) else { continue };
             object.first_frame = Some(sightings.first_frame.clone());
             object.last_frame = Some(sightings.last_frame.clone());
             object.confidence = Some(sightings.confidence());
@@ -178,7 +257,7 @@ impl ObjectList {
 
     /// Adds the label of each object that has one, with its score and alternatives.
     pub fn add_names(&mut self, names: &ObjectNames) {
-        for object in self.objects.iter_mut().filter(|_| !names.is_empty()) {
+        for object in self.all_mut().filter(|_| !names.is_empty()) {
             let Some(name) = names.name(object.id) else { continue };
             object.label.clone_from(&name.label);
             object.label_score = name.score;
@@ -195,6 +274,40 @@ impl ObjectList {
         self.serialize(&mut serde_json::Serializer::with_formatter(&mut bytes, OuterLines::default()))?;
         bytes.push(b'\n');
         String::from_utf8(bytes).map_err(serde::ser::Error::custom)
+    }
+}
+
+impl ObjectCounts {
+    /// The numbers of [`ObjectList::new`], without the shapes, which take longer.
+    pub fn new(log: &ObjectLog, map: Option<MapView<'_>>) -> Self {
+        let Some(map) = map else { return Self { objects: log.records().len(), ..Self::default() } };
+        let carried = map.carried_ids();
+        let ids: BTreeSet<SegmentId> = log.records().keys().chain(&carried).copied().collect();
+        let mut counts = Self::default();
+        for id in ids {
+            match state_of(id, &map, &carried) {
+                ObjectState::Remembered => counts.objects += 1,
+                ObjectState::Tentative => counts.tentative += 1,
+                ObjectState::Forgotten => counts.forgotten += 1,
+            }
+        }
+        counts
+    }
+}
+
+impl fmt::Display for ObjectCounts {
+    /// `62 objects`, and in brackets what is not counted: `62 objects (12 tentative and 3 forgotten ones not counted)`.
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let plural = if self.objects == 1 { "" } else { "s" };
+        write!(formatter, "{} object{plural}", self.objects)?;
+        let others = [(self.tentative, "tentative"), (self.forgotten, "forgotten")];
+        let others: Vec<String> =
+            others.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
+        match (others.as_slice(), self.tentative + self.forgotten) {
+            ([], _) => Ok(()),
+            (others, 1) => write!(formatter, " ({} one not counted)", others.join(" and ")),
+            (others, _) => write!(formatter, " ({} ones not counted)", others.join(" and ")),
+        }
     }
 }
 

@@ -3,15 +3,19 @@
 use super::Failure;
 use super::batch::BatchArguments;
 use super::bench::BenchArguments;
+use super::completions::CompletionsArguments;
 use super::convert::ConvertArguments;
 use super::devices::DevicesArguments;
 use super::eval::EvalArguments;
 use super::export::ExportArguments;
 use super::find::FindArguments;
+use super::help_layout::arranged;
 use super::inspect::InspectArguments;
 use super::live::LiveArguments;
 use super::live::ros2::Ros2Arguments;
 use super::locate::LocateArguments;
+#[cfg(feature = "man")]
+use super::manual::ManArguments;
 use super::map_changes::DiffArguments;
 use super::name::NameArguments;
 use super::options::SettingsOptions;
@@ -30,13 +34,16 @@ use splatseg_dataset::DepthRegistration;
 use splatseg_odometry::PoseMode;
 use splatseg_settings::{Allowed, Choice};
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Gives every object in an RGB-D video one id that lasts for the whole video, by remembering what was seen in an
 /// online 3D Gaussian splat.
 #[derive(Debug, Parser)]
 #[command(name = "splatseg", version, propagate_version = true)]
 pub struct Arguments {
+    /// Print only results, warnings and errors: no progress, and no report at the end
+    #[arg(short, long, global = true)]
+    pub quiet: bool,
     #[command(subcommand)]
     pub command: Command,
 }
@@ -92,6 +99,11 @@ pub enum Command {
     Devices(DevicesArguments),
     /// List every setting with its default, allowed values and meaning
     Settings(SettingsArguments),
+    /// Print the completions of this command for a shell
+    Completions(CompletionsArguments),
+    /// Write the manual pages
+    #[cfg(feature = "man")]
+    Man(ManArguments),
 }
 
 impl Command {
@@ -113,24 +125,39 @@ pub struct DemoArguments {
     /// Use at most this many of the clip's 36 frames
     #[arg(long, value_name = "N")]
     pub frames: Option<usize>,
+    /// Open the page with the results in the browser
+    #[arg(long)]
+    pub open: bool,
 }
 
 #[derive(Debug, Args)]
-#[command(after_long_help = "Later layers win: defaults, --config, the options above, --set.\n\nExamples:\n  \
+#[command(
+    after_help = "splatseg run --help lists all options, splatseg settings all settings.",
+    after_long_help = "Later layers win: defaults, --config, the options above, --set.\n\nExamples:\n  \
+    splatseg run drive.mcap --open\n  \
     splatseg run redkitchen --out out --resize 320x240 --crop-border 5\n  \
     splatseg run scene0011_00 --out out --stride 20 --set memory.max_votes=8\n  \
     splatseg run scene --out out --segmenter masks --masks my_model_output\n  \
-    splatseg run synthetic:frames=60,seed=3 --out out")]
+    splatseg run synthetic:frames=60,seed=3 --out out"
+)]
 pub struct RunArguments {
     /// The scene: a folder or file in any format listed for --format, or `synthetic[:frames=60,seed=3,…]`
     pub scene: PathBuf,
-    /// Folder for the results: index.html (a page that shows them), segments/*.png, overlay/*.jpg, objects.json,
-    /// objects.csv, objects/*.jpg, poses.txt, summary.json, and manifest.jsonl (a list of these files)
+    /// Folder for the results; by default NAME-splatseg in the current folder, with the name of the scene, or
+    /// NAME-splatseg-2 and so on if that exists
+    ///
+    /// It gets index.html (a page that shows the results), segments/*.png, overlay/*.jpg, objects.json, objects.csv,
+    /// objects/*.jpg, poses.txt, summary.json, and manifest.jsonl (a list of these files).
     #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
-    /// Replace the results of an earlier run in that folder once the first new ones are complete; other files stay
-    #[arg(long)]
+    pub out: Option<PathBuf>,
+    /// Replace the results of an earlier run in that folder
+    ///
+    /// They stay until the first new ones are complete; other files stay in any case.
+    #[arg(long, requires = "out")]
     pub overwrite: bool,
+    /// Open the page with the results in the browser
+    #[arg(long, conflicts_with = "no_page")]
+    pub open: bool,
     #[arg(long, value_name = "METHOD")]
     pub method: Option<String>,
     #[command(flatten)]
@@ -153,8 +180,10 @@ pub struct RunArguments {
     pub strict_input: bool,
     #[arg(long, value_name = "N")]
     pub save_every: Option<String>,
-    /// Resume the stopped run in that folder from its last --save-every state, with its settings; start a new run if
-    /// there is none. The results are the same as without the stop
+    /// Resume the stopped run in that folder
+    ///
+    /// It goes on from its last --save-every state, with its settings; without one, a new run starts. The results are the
+    /// same as without the stop. Without --out, the folder is the latest NAME-splatseg.
     #[arg(long, conflicts_with_all = ["overwrite", "load_memory"])]
     pub resume: bool,
     /// Do not write index.html, the page that shows the results
@@ -170,8 +199,9 @@ pub struct RunArguments {
 }
 
 impl RunArguments {
-    /// Resolves the settings from file, options and assignments, and from a saved memory.
-    pub fn settings(&self) -> Result<Settings, Failure> {
+    /// Resolves the settings from file, options and assignments, from a saved memory, and from the run in `out` if that is
+    /// resumed.
+    pub fn settings(&self, out: &Path) -> Result<Settings, Failure> {
         let strict_input = self.strict_input.then(|| "true".to_owned());
         let page = self.no_page.then(|| "false".to_owned());
         let overlay = self.no_overlay.then(|| "false".to_owned());
@@ -185,7 +215,7 @@ impl RunArguments {
             ("online", online.as_ref()),
         ];
         let mut layers = SettingsLayers::default();
-        if let (true, Some(path)) = (self.resume, SavedRun::settings_file(&self.out)) {
+        if let (true, Some(path)) = (self.resume, SavedRun::settings_file(out)) {
             layers.add_file(&path).map_err(Failure::input)?;
         }
         let mut layers = self.options.layers_over(layers, options)?;
@@ -199,7 +229,7 @@ impl RunArguments {
 impl Arguments {
     /// Parses a command line. Prints help and usage errors.
     pub fn parse(arguments: Vec<OsString>) -> Parsed {
-        let matches = with_settings(Self::command(), &entries()).try_get_matches_from(with_joined_values(arguments));
+        let matches = complete_command().try_get_matches_from(with_joined_values(arguments));
         match matches.and_then(|matches| Self::from_arg_matches(&matches)) {
             Ok(arguments) => Parsed::Arguments(Box::new(arguments)),
             Err(error) if error.use_stderr() => {
@@ -213,6 +243,11 @@ impl Arguments {
             }
         }
     }
+}
+
+/// The command with the help of every option.
+pub fn complete_command() -> clap::Command {
+    arranged(with_settings(Arguments::command(), &entries()))
 }
 
 /// Joins `--register-depth` and its value, which may be left out: `--register-depth SCENE` and `--register-depth false`.
@@ -234,7 +269,8 @@ fn with_joined_values(arguments: Vec<OsString>) -> Vec<OsString> {
 fn with_settings(command: clap::Command, entries: &[Entry]) -> clap::Command {
     let complete = |argument: Arg| match find_entry(&argument, entries) {
         Some(entry) if argument.get_help().is_none() => {
-            let argument = argument.help(describe(entry).replace('`', ""));
+            let first = entry.field.help.split_inclusive(". ").next().unwrap_or_default().trim_end();
+            let argument = argument.help(first.replace('`', "")).long_help(describe(entry).replace('`', ""));
             if matches!(entry.field.allowed, Allowed::Names(_)) {
                 argument.value_parser(PossibleValuesParser::new(possible_values(entry)))
             } else {

@@ -67,13 +67,13 @@ pub fn convert(arguments: &ConvertArguments) -> Result<(), Failure> {
     let signals = StopSignals::listen().map_err(|error| no_thread("listens for signals", &error))?;
     let scene = open_scene(&arguments.scene, &settings).map_err(Failure::input)?;
     let stream = FrameStream::open(Arc::clone(&scene), &settings, GroundTruth::Skip).map_err(Failure::input)?;
-    say_error!("{}", stream.description());
+    inform!("{}", stream.description());
     let recording = out.start(arguments.compression.into())?;
     let counts = out.write(recording, (stream, scene.as_ref()), &signals)?;
     for note in notes(&counts) {
         say_error!("{note}");
     }
-    say!("{}: {}", out.path().display(), written_text(&counts));
+    report!("{}: {}", out.path().display(), written_text(&counts));
     Ok(())
 }
 

@@ -2,11 +2,12 @@
 
 use super::Failure;
 use super::arguments::DemoArguments;
+use super::browser;
 use super::output_folder::{CreatedFolders, OutputFolder, OverwritePolicy};
 use super::run::{RunJob, execute, report};
 use include_dir::{Dir, include_dir};
 use splatseg::Settings;
-use splatseg_output::write_atomically;
+use splatseg_output::{Page, write_atomically};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -34,11 +35,16 @@ pub fn demo(arguments: &DemoArguments) -> Result<(), Failure> {
         save_mcap: None,
         networks: Arc::default(),
     };
-    say!("a camera moves through a rendered room: the built-in segmenter finds masks, and the memory keeps their ids");
+    report!(
+        "a camera moves through a rendered room: the built-in segmenter finds masks, and the memory keeps their ids"
+    );
     let summary = execute(&job)?;
     clip.keep();
-    say!("{}", report(&job, &summary));
-    say!("your own video: splatseg run FOLDER --out DIR");
+    report!("{}", report(&job, &summary));
+    report!("your own video: splatseg run FOLDER");
+    if arguments.open {
+        browser::open(&job.out.join(Page::FILE));
+    }
     Ok(())
 }
 

@@ -18,6 +18,9 @@ use splatseg_report::{terminal_frame_table, terminal_size_table, terminal_table}
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
+/// The file of `--json` that stands for standard output.
+const TO_OUTPUT: &str = "-";
+
 const HELP: &str = "Predictions are one of\n\
     - a folder with <frame>.png for every frame: 8-bit or 16-bit greyscale, one value per segment, 0 for none, or RGB as in \
     COCO's\n  \
@@ -31,6 +34,7 @@ const HELP: &str = "Predictions are one of\n\
       `id`; the id of a track without one is its position in the list. RLE is {\"size\": [height, width], \"counts\": ...}, compressed\n  \
       or not. Masks may overlap. List frames without any mask under the key `frames` (or `images`).\n\n\
     Examples:\n  \
+    splatseg eval --pred out --json | jq .vsq\n  \
     splatseg eval --gt scene0011_00 --pred out\n  \
     splatseg eval --gt scene0011_00 --stride 20 --resize 320x240 --pred tracks.json --json scores.json\n  \
     splatseg eval --gt MVPd/test:VIDEO --preset mvpd --min-truth-area 0.001 --pred results.json --video 17\n  \
@@ -41,8 +45,8 @@ const HELP: &str = "Predictions are one of\n\
 #[derive(Debug, Args)]
 #[command(after_long_help = format!("{HELP}\n\nTable by size: {SIZE_COLUMNS_EXPLAINED}\n\nSingle frames: {FRAME_COLUMNS_EXPLAINED}"))]
 pub struct EvalArguments {
-    /// Scene with ground truth
-    #[arg(long, value_name = "SCENE", required_unless_present_any = ["mesh", "trajectory"], conflicts_with = "mesh")]
+    /// Scene with ground truth; by default that of the run in --pred
+    #[arg(long, value_name = "SCENE", conflicts_with = "mesh")]
     pub gt: Option<PathBuf>,
     /// Predictions, see below; with --mesh a memory saved by `run --save-memory`; with --trajectory the folder of a run or
     /// a file in TUM's format
@@ -68,8 +72,8 @@ pub struct EvalArguments {
     pub rpe_frames: NonZeroUsize,
     #[command(flatten)]
     pub score: ScoreOptions,
-    /// Also write the scores to a JSON file
-    #[arg(long, value_name = "FILE")]
+    /// Print the scores as JSON instead of tables; with a FILE, write them there and print the tables
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = TO_OUTPUT)]
     pub json: Option<PathBuf>,
     /// Replace the JSON file if it exists
     #[arg(long, requires = "json")]
@@ -100,6 +104,22 @@ impl EvalArguments {
     pub fn memory_limit(&self) -> Result<MemoryLimit, Failure> {
         memory_limit(self.memory_limit.as_ref())
     }
+
+    /// True if the tables are printed, not JSON.
+    pub fn prints_tables(&self) -> bool {
+        self.json.as_deref() != Some(Path::new(TO_OUTPUT))
+    }
+
+    /// Writes the scores as JSON, if `--json` is given.
+    pub fn write_json(&self, scores: &impl Serialize) -> Result<(), Failure> {
+        let Some(path) = &self.json else { return Ok(()) };
+        let text = serde_json::to_string_pretty(scores).map_err(Failure::runtime)?;
+        if !self.prints_tables() {
+            say!("{text}");
+            return Ok(());
+        }
+        write_atomically(path, text.as_bytes()).map_err(Failure::runtime)
+    }
 }
 
 /// Content of the `--json` file. Its keys are part of the interface.
@@ -125,6 +145,7 @@ struct Evaluation<'a> {
 /// Executes `splatseg eval`.
 pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
     if let Some(path) = &arguments.json
+        && arguments.prints_tables()
         && path.exists()
         && OverwritePolicy::from_flag(arguments.overwrite) == OverwritePolicy::Keep
     {
@@ -136,7 +157,13 @@ pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
     match (&arguments.gt, &arguments.mesh, &arguments.instances) {
         (Some(gt), _, _) => eval_video(arguments, gt),
         (None, Some(mesh), Some(instances)) => eval_mesh(arguments, mesh, instances),
-        (None, _, _) => Err(Failure::input("--gt, --trajectory, or --mesh with --instances must be given")),
+        (None, _, _) => match RunSummary::of(&arguments.pred).map_err(Failure::input)? {
+            Some(run) => eval_video(arguments, &run.scene),
+            None => Err(Failure::input(format!(
+                "{}: is not the folder of a run: give the scene with --gt, --trajectory, or --mesh with --instances",
+                arguments.pred.display()
+            ))),
+        },
     }
 }
 
@@ -154,7 +181,9 @@ fn eval_video(arguments: &EvalArguments, gt: &Path) -> Result<(), Failure> {
     let (video, min_score) = (arguments.video.clone(), arguments.min_score);
     let options = EvaluationOptions { score: settings, missing, ids, video, min_score };
     let found = evaluate(scene.as_ref(), &dataset, &arguments.pred, &options).map_err(Failure::input)?;
-    print_scores(gt, &found.score, &found.missing);
+    if arguments.prints_tables() {
+        print_scores(gt, &found.score, &found.missing);
+    }
     write_json(arguments, gt, &found.score, found.missing)
 }
 
@@ -185,9 +214,6 @@ fn print_scores(gt: &Path, score: &VideoScore, counts: &MissingCounts) {
 }
 
 fn write_json(arguments: &EvalArguments, gt: &Path, score: &VideoScore, missing: MissingCounts) -> Result<(), Failure> {
-    let Some(path) = &arguments.json else {
-        return Ok(());
-    };
     let settings = score.settings();
     let evaluation = Evaluation {
         scores: score.scores(),
@@ -202,6 +228,5 @@ fn write_json(arguments: &EvalArguments, gt: &Path, score: &VideoScore, missing:
         counts: score.counts(),
         version: env!("CARGO_PKG_VERSION"),
     };
-    let text = serde_json::to_string_pretty(&evaluation).map_err(Failure::runtime)?;
-    write_atomically(path, text.as_bytes()).map_err(Failure::runtime)
+    arguments.write_json(&evaluation)
 }

@@ -7,7 +7,6 @@ use serde::Serialize;
 use splatseg::evaluation::MeshTruth;
 use splatseg_geometry::MapGaussian;
 use splatseg_memory::SplatFile;
-use splatseg_output::write_atomically;
 use std::path::Path;
 
 /// Content of the `--json` file. Its keys are part of the interface.
@@ -46,10 +45,10 @@ pub fn eval_mesh(arguments: &EvalArguments, mesh: &Path, instances: &Path) -> Re
         predicted_instances: found.predicted_instances,
         version: env!("CARGO_PKG_VERSION"),
     };
-    print(&evaluation);
-    let Some(path) = &arguments.json else { return Ok(()) };
-    let text = serde_json::to_vec_pretty(&evaluation).map_err(Failure::runtime)?;
-    write_atomically(path, &text).map_err(Failure::runtime)
+    if arguments.prints_tables() {
+        print(&evaluation);
+    }
+    arguments.write_json(&evaluation)
 }
 
 fn print(found: &MeshEvaluation) {

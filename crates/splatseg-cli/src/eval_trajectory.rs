@@ -9,7 +9,7 @@ use splatseg_annotations::read_trajectory;
 use splatseg_dataset::{DatasetError, open_scene};
 use splatseg_geometry::StampedPose;
 use splatseg_metrics::{ErrorStatistics, TrajectorySettings, score_trajectory};
-use splatseg_output::{PosesFile, write_atomically};
+use splatseg_output::PosesFile;
 use std::path::{Path, PathBuf};
 
 /// Content of the `--json` file. Its keys are part of the interface.
@@ -55,10 +55,10 @@ pub fn eval_trajectory(arguments: &EvalArguments, truth: &Path) -> Result<(), Fa
         predicted_poses: predicted.len(),
         version: env!("CARGO_PKG_VERSION"),
     };
-    print(&evaluation);
-    let Some(path) = &arguments.json else { return Ok(()) };
-    let text = serde_json::to_vec_pretty(&evaluation).map_err(Failure::runtime)?;
-    write_atomically(path, &text).map_err(Failure::runtime)
+    if arguments.prints_tables() {
+        print(&evaluation);
+    }
+    arguments.write_json(&evaluation)
 }
 
 /// Returns the file with the predicted poses: in the folder of a run, its list of poses.
@@ -95,7 +95,7 @@ fn true_poses(arguments: &EvalArguments, truth: &Path) -> Result<Vec<StampedPose
     }
     let found = SceneTrajectory::read(scene.as_ref(), &dataset).map_err(Failure::input)?;
     if found.left_out > 0 {
-        say!("{} of the scene without a usable pose, left out", counted(found.left_out, "frame"));
+        inform!("{} of the scene without a usable pose, left out", counted(found.left_out, "frame"));
     }
     Ok(found.poses)
 }

@@ -109,7 +109,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
     };
     if let Some(out) = &arguments.out {
         places.write(out, arguments.form, origin, &gaussians, Wait::ForDisk)?;
-        say!("{}: {}", out.display(), amount(gaussians.len(), objects.len()));
+        report!("{}: {}", out.display(), amount(gaussians.len(), objects.len()));
     }
     if let Some(folder) = &arguments.object_files {
         gaussians.retain(|gaussian| gaussian.segment_id != 0);
@@ -122,7 +122,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
         // Once, as there can be thousands of files.
         sync_file_system(folder)
             .map_err(|error| Failure::runtime(format!("{}: cannot be written: {error}", folder.display())))?;
-        say!("{}: {}, {}", folder.display(), counted(objects.len(), "file"), amount(gaussians.len(), objects.len()));
+        report!("{}: {}, {}", folder.display(), counted(objects.len(), "file"), amount(gaussians.len(), objects.len()));
     }
     Ok(())
 }

@@ -7,8 +7,7 @@ use clap::Args;
 use serde::Serialize;
 use splatseg::names::{FoundObject, Query, find_objects};
 use splatseg::pipeline::NamedMap;
-use splatseg_geometry::SegmentId;
-use splatseg_objects::{Object, ObjectList, ObjectNames, ObjectShape};
+use splatseg_objects::{ObjectList, ObjectNames, ObjectShape};
 use std::collections::BTreeSet;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
@@ -41,6 +40,9 @@ pub struct FindArguments {
     /// Maximum number of objects
     #[arg(long, value_name = "N", default_value = "5")]
     pub top: NonZeroUsize,
+    /// Also find tentative objects, which were seen in one frame only and may be mistakes
+    #[arg(long)]
+    pub all: bool,
     /// Print the objects as JSON: a list with id, label, score, and shape as in objects.json
     #[arg(long)]
     pub json: bool,
@@ -57,12 +59,16 @@ struct Printed<'a> {
 
 /// Prints the objects that fit the text.
 pub fn find(arguments: &FindArguments) -> Result<(), Failure> {
-    let FindArguments { map: path, text, names: network, text_encoder, top, json } = arguments;
+    let FindArguments { map: path, text, names: network, text_encoder, top, all, json } = arguments;
     let mut map = NamedMap::load(path).map_err(Failure::input)?;
     let wrong = |problem: &str| Failure::input(format!("{}: {problem}", path.display()));
     let query = Query::new(text);
     let found = match text_encoder {
-        Some(encoder) => similar(&map, &encoded(encoder, text)?).map_err(|problem| wrong(&problem))?,
+        Some(encoder) => {
+            let list = objects(&map, *all);
+            let found = similar(&map, &encoded(encoder, text)?).map_err(|problem| wrong(&problem))?;
+            found.into_iter().filter(|found| list.objects.iter().any(|object| object.id == found.id)).collect()
+        }
         None => {
             let network = network.as_deref().map(|network| open_network(network, None)).transpose()?;
             if let Some(network) = network.as_ref().filter(|_| map.names.embeddings().next().is_none()) {
@@ -75,11 +81,11 @@ pub fn find(arguments: &FindArguments) -> Result<(), Failure> {
                 let how = "give them with --names FILE or `splatseg name` (docs/NAMES.md)";
                 return Err(wrong(&format!("its objects have no names: {how}")));
             }
-            find_objects(&query, &map.object_list(), &map.names, network.as_ref())
+            find_objects(&query, &objects(&map, *all), &map.names, network.as_ref())
                 .map_err(|error| wrong(&error.to_string()))?
         }
     };
-    let list = map.object_list();
+    let list = objects(&map, *all);
     let shown = &found[..found.len().min(top.get())];
     if *json {
         return print_json(&list, shown);
@@ -89,7 +95,7 @@ pub fn find(arguments: &FindArguments) -> Result<(), Failure> {
     }
     for found in shown {
         let label = found.label.as_deref().unwrap_or("without label");
-        let shape = object(&list, found.id).and_then(|object| object.shape.as_ref());
+        let shape = list.get(found.id).and_then(|object| object.shape.as_ref());
         let shape = shape.map_or_else(|| "without depth".to_owned(), described);
         let by = found.by.join(", ");
         say!("{} {label}, score {:.2} ({by}): {shape}", found.id, found.score);
@@ -114,15 +120,17 @@ fn similar(map: &NamedMap, embedding: &[f32]) -> Result<Vec<FoundObject>, String
     Ok(found.collect())
 }
 
-fn object(list: &ObjectList, id: SegmentId) -> Option<&Object> {
-    list.objects.iter().find(|object| object.id == id)
+/// The objects of a map, with its tentative ones if `all` is true.
+fn objects(map: &NamedMap, all: bool) -> ObjectList {
+    let list = map.object_list();
+    if all { list.with_tentative() } else { list }
 }
 
 fn print_json(list: &ObjectList, found: &[FoundObject]) -> Result<(), Failure> {
     let printed: Vec<Printed<'_>> = found
         .iter()
         .map(|found| {
-            let object = object(list, found.id);
+            let object = list.get(found.id);
             let (color, shape) =
                 (object.and_then(|object| object.color), object.and_then(|object| object.shape.as_ref()));
             Printed { found, color, shape }

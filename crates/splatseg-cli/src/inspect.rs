@@ -1,11 +1,15 @@
-//! `splatseg inspect`: shows the contents of a checkpoint, a recording or a scene.
+//! `splatseg inspect`: shows the contents of a checkpoint, a map, a recording, a scene, or a folder of recordings.
 
+mod folder;
+mod map;
 mod recording;
 mod scene;
 
 use super::Failure;
 use super::options::{CameraOptions, TopicOptions};
 use clap::Args;
+use serde::Serialize;
+use serde_json::{Value, json};
 use splatseg_dataset::RecordingScene;
 use splatseg_models::checkpoint::{Architecture, Checkpoint, CheckpointError, Dtype, Format, printable};
 use splatseg_models::clip::ClipNetwork;
@@ -16,8 +20,9 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub struct InspectArguments {
-    /// A checkpoint (.pt from Ultralytics or Meta, or .safetensors), a recording (.mcap, .db3, .bag, .mkv of Azure Kinect, or a
-    /// folder with one), or a scene: a folder in any format of `run`, or a .sens file
+    /// A recording (.mcap, .db3, .bag, .mkv of Azure Kinect, or a folder with one), a scene (a folder in any format of `run`,
+    /// or a .sens file), a folder with several of them, a map (.ply), or a checkpoint (.pt from Ultralytics or Meta, or
+    /// .safetensors)
     pub file: PathBuf,
     /// Also write the checkpoint as a .safetensors file, without a pickle; an existing file is not replaced
     #[arg(long, value_name = "FILE.safetensors")]
@@ -25,31 +30,67 @@ pub struct InspectArguments {
     /// Also list every tensor with its type and shape
     #[arg(long)]
     pub tensors: bool,
+    /// Of a map, list all objects, and tentative ones, too
+    #[arg(long)]
+    pub all: bool,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
     #[command(flatten)]
     pub camera: CameraOptions,
     #[command(flatten)]
     pub topics: TopicOptions,
 }
 
+impl InspectArguments {
+    /// Refuses the options for checkpoints; `what` is something else.
+    fn refuse_checkpoint_options(&self, what: &str) -> Result<(), Failure> {
+        if self.convert.is_none() && !self.tensors {
+            return Ok(());
+        }
+        let message = format!("--convert and --tensors are for checkpoints, this is {what}");
+        Err(Failure::input(format!("{}: {message}", self.file.display())))
+    }
+}
+
+/// Prints a value as JSON.
+fn print_json(value: &impl Serialize) -> Result<(), Failure> {
+    say!("{}", serde_json::to_string_pretty(value).map_err(Failure::runtime)?);
+    Ok(())
+}
+
 /// Prints the contents of the file.
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
+    let members = folder::members(&arguments.file, &arguments.topics.settings(&arguments.camera)?)?;
+    if !members.is_empty() {
+        arguments.refuse_checkpoint_options("a folder")?;
+        return folder::print(arguments, &members);
+    }
     if RecordingScene::is_recording(&arguments.file) {
         return recording::inspect(arguments);
+    }
+    if map::is_map(&arguments.file) {
+        arguments.refuse_checkpoint_options("a map")?;
+        return map::inspect(arguments);
     }
     if scene::is_scene(&arguments.file) {
         return scene::inspect(arguments);
     }
     let checkpoint = Checkpoint::open(&arguments.file).map_err(Failure::input)?;
-    print(&checkpoint);
-    print_missing(&checkpoint, arguments.tensors);
-    if arguments.tensors {
-        for tensor in checkpoint.tensors() {
-            say!("  {} {} {:?}", printable(tensor.name()), tensor.dtype(), tensor.shape());
-        }
-    }
     let complaints = complaints(&checkpoint)?;
-    for (kind, complaint) in &complaints {
-        say!("{kind:<14} {complaint}");
+    if arguments.json {
+        print_json(&described(&checkpoint, &complaints, arguments.tensors))?;
+    } else {
+        print(&checkpoint);
+        print_missing(&checkpoint, arguments.tensors);
+        if arguments.tensors {
+            for tensor in checkpoint.tensors() {
+                say!("  {} {} {:?}", printable(tensor.name()), tensor.dtype(), tensor.shape());
+            }
+        }
+        for (kind, complaint) in &complaints {
+            say!("{kind:<14} {complaint}");
+        }
     }
     if let Some(out) = &arguments.convert {
         checkpoint.convert(out).map_err(|error| match error {
@@ -57,7 +98,7 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
             CheckpointError::Io { ref path, .. } if path == out => Failure::runtime(error),
             error => Failure::input(error),
         })?;
-        say!("converted to   {}", out.display());
+        report!("converted to   {}", out.display());
     }
     match complaints.as_slice() {
         [] => Ok(()),
@@ -91,6 +132,29 @@ fn listed<T: AsRef<str>>(names: &[T]) -> String {
         0 => first.join(", "),
         more => format!("{} and {more} more", first.join(", ")),
     }
+}
+
+/// The content of `--json`.
+fn described(checkpoint: &Checkpoint, complaints: &[(&str, String)], with_tensors: bool) -> Value {
+    let missing = missing_tensors(checkpoint);
+    let missing = missing.map(|missing| missing.iter().map(ToString::to_string).collect::<Vec<_>>());
+    let mut described = json!({
+        "file": checkpoint.path(),
+        "kind": "checkpoint",
+        "architecture": checkpoint.architecture().to_string(),
+        "tensors": checkpoint.tensors().count(),
+        "parameters": checkpoint.parameters(),
+        // Null if that is not known.
+        "missing": missing,
+        "problems": complaints.iter().map(|(_, complaint)| complaint).collect::<Vec<_>>(),
+    });
+    if with_tensors {
+        let tensors = checkpoint.tensors();
+        let tensor = tensors
+            .map(|tensor| json!({"name": tensor.name(), "type": tensor.dtype().to_string(), "shape": tensor.shape()}));
+        described["tensor_list"] = tensor.collect();
+    }
+    described
 }
 
 fn print(checkpoint: &Checkpoint) {

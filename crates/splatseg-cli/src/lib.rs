@@ -6,7 +6,10 @@ mod terminal;
 mod arguments;
 mod batch;
 mod bench;
+mod browser;
+mod completions;
 mod convert;
+mod default_out;
 mod demo;
 mod devices;
 mod eval;
@@ -15,11 +18,14 @@ mod eval_trajectory;
 mod export;
 mod failure;
 mod find;
+mod help_layout;
 mod input_paths;
 mod inspect;
 mod live;
 mod locate;
 mod manifest;
+#[cfg(feature = "man")]
+mod manual;
 mod map_changes;
 mod name;
 mod options;
@@ -53,6 +59,9 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Parsed::Help => return terminal::check_output().map(|()| 0),
         Parsed::Wrong { code } => return Ok(code),
     };
+    if arguments.quiet {
+        terminal::be_quiet();
+    }
     start_log();
     survive_file_size_limit();
     check_environment()?;
@@ -77,6 +86,9 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Locate(locate) => locate::locate(&locate),
         Command::Devices(arguments) => devices::devices(&arguments, program),
         Command::Settings(arguments) => settings::settings(&arguments),
+        Command::Completions(arguments) => completions::completions(&arguments),
+        #[cfg(feature = "man")]
+        Command::Man(arguments) => manual::man(&arguments),
     }?;
     terminal::check_output().map(|()| 0)
 }

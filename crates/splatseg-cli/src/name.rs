@@ -83,7 +83,7 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
     if arguments.names.is_some() || !labels.is_empty() {
         let out = arguments.out.as_ref().unwrap_or(path);
         map.save(out).map_err(Failure::runtime)?;
-        say_error!("{}: {} with a label", out.display(), counted(map.names.labels().count(), "object"));
+        inform!("{}: {} with a label", out.display(), counted(map.names.labels().count(), "object"));
     }
     for id in ids {
         let Some(name) = map.names.name(id).filter(|name| name.label.is_some()) else {

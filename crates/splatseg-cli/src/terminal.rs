@@ -1,22 +1,59 @@
 //! Output to the terminal.
 //!
+//! Results go to standard output ([`say!`]), and so does the report about what was done ([`report!`]); messages while the
+//! work goes on go to standard error ([`inform!`]), with warnings and errors ([`say_error!`]). `--quiet` leaves out
+//! reports and messages. Only a terminal shows colours, and bars that move.
+//!
 //! Names and messages may come from files, which can contain terminal control sequences. All text for standard output,
 //! standard error and the log is passed through [`escape`]. Progress bars contain no text from files and are not escaped.
 
 use super::Failure;
+use clap::builder::styling::AnsiColor;
 use std::borrow::Cow;
 use std::fmt;
-use std::io::{ErrorKind, Result, Write};
+use std::io::{ErrorKind, IsTerminal, Result, Write};
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Prints a line to standard output.
 macro_rules! say {
     ($($text:tt)*) => { $crate::terminal::print_line(&format!($($text)*)) };
 }
 
-/// Prints a line to standard error.
+/// Prints a line about what was done to standard output, unless `--quiet` is given.
+macro_rules! report {
+    ($($text:tt)*) => { if !$crate::terminal::is_quiet() { $crate::terminal::print_line(&format!($($text)*)) } };
+}
+
+/// Prints a message to standard error, unless `--quiet` is given.
+macro_rules! inform {
+    ($($text:tt)*) => { if !$crate::terminal::is_quiet() { $crate::terminal::print_error_line(&format!($($text)*)) } };
+}
+
+/// Prints a warning or an error to standard error.
 macro_rules! say_error {
     ($($text:tt)*) => { $crate::terminal::print_error_line(&format!($($text)*)) };
+}
+
+/// True if `--quiet` is given.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// The starts of lines on standard error that have a colour, as in the messages about invalid arguments.
+const COLORED: [(&str, AnsiColor); 2] = [("error:", AnsiColor::Red), ("warning:", AnsiColor::Yellow)];
+
+/// Leaves out reports and messages from now on.
+pub fn be_quiet() {
+    QUIET.store(true, Ordering::Relaxed);
+}
+
+/// Returns true if reports and messages are left out.
+pub fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Returns true if standard error is a terminal that shows progress.
+pub fn shows_progress() -> bool {
+    std::io::stderr().is_terminal() && !is_quiet()
 }
 
 /// The first error writing standard output.
@@ -37,9 +74,20 @@ pub fn print_text(text: &str) {
     record_output_error(written);
 }
 
-/// Prints a line to standard error. Errors are ignored.
+/// Prints a line to standard error. Errors are ignored. In a terminal, the word that starts a warning or an error has a
+/// colour, unless `NO_COLOR` is set.
 pub fn print_error_line(text: &str) {
-    let _ = writeln!(std::io::stderr(), "{}", escape(text));
+    let escaped = escape(text);
+    // It removes the colours where there is no terminal.
+    let mut output = anstream::stderr().lock();
+    let colored = COLORED.iter().find_map(|(start, color)| Some((start, color, escaped.strip_prefix(start)?)));
+    let _ = match colored {
+        Some((start, color, rest)) => {
+            let style = color.on_default().bold();
+            writeln!(output, "{style}{start}{style:#}{rest}")
+        }
+        None => writeln!(output, "{escaped}"),
+    };
 }
 
 /// Records the first error writing standard output.

@@ -4,6 +4,7 @@ pub mod evaluation;
 pub mod names;
 pub mod parts;
 pub mod pipeline;
+mod relative_paths;
 pub mod settings;
 pub mod summary;
 

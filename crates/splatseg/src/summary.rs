@@ -2,13 +2,19 @@
 
 use crate::Settings;
 use crate::pipeline::{FrameResult, StageTimes};
+use crate::relative_paths::relative_to;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{MAX_16_BIT_ID, RemappedId};
 use splatseg_objects::ObjectSighting;
 use splatseg_odometry::{InputDoubt, PoseEventCounts, PoseState};
 use splatseg_tracking::TrackErrorCounts;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::time::Duration;
+
+/// The value of the key `paths` in `summary.json`: relative paths are relative to its folder. Without the key, they are
+/// relative to the folder in which the run was started.
+pub const RELATIVE_PATHS: &str = "relative to this file";
 
 /// The content of `summary.json`. Its keys are part of the public interface.
 #[derive(Clone, Debug, Serialize)]
@@ -32,14 +38,18 @@ pub struct Summary {
     /// What was conspicuous about the input, a sentence each, as the run has told it; absent if nothing was.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub input_doubts: Vec<String>,
-    /// Distinct ids in the results.
+    /// Number of objects: those that count, as in `objects.json`.
+    pub objects: usize,
+    /// Tentative objects, which do not count: seen in one frame only, so each may be a mistake.
+    pub tentative_objects: usize,
+    /// Forgotten objects, which do not count: no longer in the memory.
+    pub forgotten_objects: usize,
+    /// Distinct ids in the id images, whatever became of their objects.
     pub segments: usize,
     /// Ids that turned out to be the same object as an older id, which has replaced them in all results.
     pub remapped_ids: usize,
     /// Frames whose id image is RGB, id = R + 256 G + 65536 B, because an id is above 65535. The others are 16-bit grey.
     pub rgb_id_images: usize,
-    /// Number of segments that are tentative: the memory has seen the object in one frame only.
-    pub tentative_segments: usize,
     /// Gaussians in the memory at the end.
     pub gaussians: usize,
     /// Number of parameters of the memory at the end.
@@ -65,14 +75,30 @@ pub struct Summary {
     pub interrupted: bool,
     /// The error that ended the run before the last frame, and errors writing results; null if the run is complete.
     pub error: Option<String>,
-    /// The scene as given on the command line.
+    /// The scene as given on the command line; in the file, a relative path is relative to the file's folder.
     pub scene: String,
+    /// [`RELATIVE_PATHS`] in the file, where the paths of the scene and in the settings are relative to the file's folder;
+    /// missing while they are relative to the current folder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub paths: Option<&'static str>,
     /// The settings of the run.
     pub settings: Settings,
     /// Random seed.
     pub seed: u64,
     /// Version of splatseg.
     pub version: String,
+}
+
+impl Summary {
+    /// The text of `summary.json` in `folder`, which must exist.
+    ///
+    /// # Errors
+    /// No known cause: every value can be serialised.
+    pub fn to_json(&self, folder: &Path) -> serde_json::Result<String> {
+        let scene = relative_to(folder, Path::new(&self.scene)).display().to_string();
+        let settings = self.settings.clone().relative_to(folder);
+        serde_json::to_string_pretty(&Self { scene, settings, paths: Some(RELATIVE_PATHS), ..self.clone() })
+    }
 }
 
 /// Numbers of frames by the state of the camera's pose.

@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from . import objects
 from .scene import Scene, open_scene
@@ -36,7 +37,7 @@ def view(out: Path, save: Path | None = None) -> None:
     if not (out / "summary.json").is_file():
         raise ValueError(f"{out}: has no summary.json, expected the folder of a splatseg run")
     summary = json.loads((out / "summary.json").read_text())
-    scene = open_scene(summary["scene"], **summary["settings"]["dataset"])
+    scene = open_scene(_scene_path(out, summary), **summary["settings"]["dataset"])
     with rr.RecordingStream(f"splatseg {scene.name}") as recording:
         if save is None:
             recording.spawn()
@@ -45,6 +46,12 @@ def view(out: Path, save: Path | None = None) -> None:
         _log_frames(out, scene)
         _log_boxes(out)
         recording.flush()
+
+
+def _scene_path(out: Path, summary: dict[str, Any]) -> str:
+    """The scene of a run: its path is relative to the folder of the run, if the summary says so."""
+    beside = out / summary["scene"].partition(":")[0]
+    return str(out / summary["scene"]) if "paths" in summary and beside.exists() else str(summary["scene"])
 
 
 def _log_frames(out: Path, scene: Scene) -> None:

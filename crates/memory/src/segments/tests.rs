@@ -161,3 +161,19 @@ fn impossible_saved_ids_are_refused() {
         assert!(refused(wrong), "{wrong:?}");
     }
 }
+
+#[test]
+fn an_id_that_one_frame_shows_in_the_end_is_tentative() {
+    let mut segments = segments();
+    let (fewer, more) = (confirm(&mut segments), segments.add());
+    segments.record_sightings(&predicted(&[more]));
+    segments.recount(fewer, u32::MAX, 1);
+    segments.recount(more, 1, 2);
+    assert_eq!((segments.is_tentative(fewer), segments.is_tentative(more)), (true, false));
+    // Sightings of an earlier session, before these two, stay.
+    segments.recount(more, 0, 1);
+    segments.recount(more, 1, 0);
+    assert!(!segments.is_tentative(more));
+    segments.recount(99, 0, 2);
+    assert!(segments.is_tentative(99), "an id that was never given out is not counted");
+}

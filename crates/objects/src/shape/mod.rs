@@ -21,6 +21,8 @@ use std::collections::BTreeMap;
 use stray::without_stray;
 use surface_area::surface_area;
 
+/// The shortest side of a box, metres: depth cameras do not measure thinner things.
+const THINNEST: f64 = 0.001;
 /// Tolerance for patches to count as inside a box, metres.
 const EDGE: f32 = 0.005;
 
@@ -86,12 +88,16 @@ fn shape_of(patches: &[Patch], origin: DVec3) -> ObjectShape {
     }
     let oriented = oriented_box(&kept);
     let aligned = axis_aligned_box(&kept, &oriented);
+    let smallest = kept.iter().map(|patch| patch.side).fold(0.0, f32::max).into();
+    let middle = 0.5 * (aligned.min + aligned.max);
+    let half = 0.5 * not_empty(aligned.max - aligned.min, smallest);
+    let aligned = AxisAlignedBox { min: middle - half, max: middle + half };
     ObjectShape {
         centroid: rounded(center / area + origin),
         axis_aligned_box: AxisAlignedBox { min: rounded(aligned.min + origin), max: rounded(aligned.max + origin) },
         oriented_box: OrientedBox {
             center: rounded(oriented.center + origin),
-            size: rounded(oriented.size.as_dvec3()).as_vec3(),
+            size: rounded(not_empty(oriented.size.as_dvec3(), smallest)).as_vec3(),
             ..oriented
         },
         area_m2: surface_area(&kept),
@@ -100,6 +106,12 @@ fn shape_of(patches: &[Patch], origin: DVec3) -> ObjectShape {
         stray_points: patches.len() - kept.len(),
         completed_points: kept.iter().filter(|patch| patch.is_completed).count(),
     }
+}
+
+/// The sides of a box of at least one patch, metres. Boxes are measured between the centres of patches. If even the
+/// longest side is shorter than a patch, whose side is `patch`, all sides have its length.
+fn not_empty(sides: DVec3, patch: f64) -> DVec3 {
+    if sides.max_element() < patch { DVec3::splat(patch) } else { sides.max(DVec3::splat(THINNEST)) }
 }
 
 /// Rounds to a tenth of a millimetre; further digits are noise.
@@ -123,5 +135,24 @@ fn axis_aligned_box(patches: &[Patch], oriented: &OrientedBox) -> AxisAlignedBox
         AxisAlignedBox { min: min.as_dvec3(), max: max.as_dvec3() }
     } else {
         AxisAlignedBox { min: oriented.center, max: oriented.center }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_box_is_empty() {
+        let at = |x: f32| Patch::seen(Vec3::new(x, 2.0, 3.0), 0.02);
+        let point = shape_of(&[at(1.0)], DVec3::ZERO);
+        assert_eq!(point.oriented_box.size, Vec3::splat(0.02));
+        let sides = point.axis_aligned_box.max - point.axis_aligned_box.min;
+        assert!(sides.abs_diff_eq(DVec3::splat(0.02), 1e-9), "{sides}");
+        assert_eq!((point.centroid, point.oriented_box.center), (DVec3::new(1.0, 2.0, 3.0), DVec3::new(1.0, 2.0, 3.0)));
+        // A row of patches is as long as they are, and not infinitely thin.
+        let row: Vec<Patch> = (0..20).map(|place| at(0.01 * place as f32)).collect();
+        let row = shape_of(&row, DVec3::ZERO).oriented_box.size;
+        assert!(row.max_element() > 0.15 && row.min_element() >= 0.001, "{row}");
     }
 }

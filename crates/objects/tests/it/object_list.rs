@@ -2,9 +2,10 @@
 
 use glam::{DVec3, Quat, Vec3};
 use splatseg_objects::{
-    AxisAlignedBox, BestView, BoundingBox, Conventions, FrameStamp, Object, ObjectList, ObjectLog, ObjectShape,
-    ObjectState, OrientedBox,
+    AxisAlignedBox, BestView, BoundingBox, Conventions, FrameStamp, Object, ObjectCounts, ObjectList, ObjectLog,
+    ObjectShape, ObjectState, OrientedBox,
 };
+use std::collections::BTreeMap;
 
 fn list() -> ObjectList {
     let frame = FrameStamp {
@@ -61,7 +62,8 @@ fn list() -> ObjectList {
     };
     let mut list = ObjectList::new(&ObjectLog::default(), None);
     list.frames = 5;
-    list.objects = vec![known, unknown];
+    list.objects = vec![known];
+    list.not_counted = vec![unknown];
     list
 }
 
@@ -74,7 +76,7 @@ fn json_has_one_line_per_object_and_reads_back() {
     assert_eq!(objects.len(), 2, "{json}");
     assert!(objects[0].contains(r#""oriented_box": {"center": [1.0, 1.0, 1.0], "size": [0.25, 0.25, 0.25]"#), "{json}");
     assert!(objects[1].contains(r#""state": "forgotten""#), "{json}");
-    let empty = ObjectList { objects: Vec::new(), ..list };
+    let empty = ObjectList { objects: Vec::new(), not_counted: Vec::new(), ..list };
     assert_eq!(serde_json::from_str::<ObjectList>(&empty.to_json().unwrap()).unwrap(), empty);
     assert_eq!((empty.format.as_str(), empty.version), (ObjectList::FORMAT, ObjectList::VERSION));
     assert_eq!(empty.conventions, Conventions::default());
@@ -103,6 +105,38 @@ fn csv_has_a_name_for_every_cell() {
          1,1,1,0.25,0.25,0.25,0,0,0,1,0.75,17,2,4,{name},1,2,3,4,objects/7.jpg,5,,"
     );
     assert_eq!(lines[1], expected);
-    assert_eq!(lines[2].split(',').count(), lines[0].split(',').count());
-    assert!(lines[2].starts_with("8,cup,forgotten,0,,,"), "{}", lines[2]);
+    assert_eq!(lines[0].split(',').count(), expected.replace(name, "").split(',').count());
+    assert_eq!(lines.len(), 2, "a forgotten object is not counted: {csv}");
+}
+
+#[test]
+fn an_object_counts_if_the_memory_has_it_from_two_frames() {
+    let mut list = list();
+    assert_eq!(list.counts(), ObjectCounts { objects: 1, tentative: 0, forgotten: 1 });
+    assert_eq!(list.counts().to_string(), "1 object (1 forgotten one not counted)");
+    let known = list.objects[0].clone();
+    for (id, state) in [(3, ObjectState::Tentative), (5, ObjectState::Tentative)] {
+        list.not_counted.push(Object { id, state: Some(state), ..known.clone() });
+    }
+    assert_eq!(list.counts().to_string(), "1 object (2 tentative and 1 forgotten ones not counted)");
+    let ids = |objects: &[Object]| objects.iter().map(|object| object.id).collect::<Vec<_>>();
+    // The longest seen first: 9 frames show object 5.
+    list.set_frames(&BTreeMap::from([(5, 9)]));
+    assert_eq!((ids(&list.objects), ids(&list.not_counted)), (vec![7], vec![5, 3, 8]));
+    let all = list.with_tentative();
+    assert_eq!((ids(&all.objects), ids(&all.not_counted)), (vec![5, 3, 7], vec![8]));
+    assert_eq!(all.get(8).map(|object| object.label.as_deref()), Some(Some("cup")));
+    // Without a memory, everything that was seen counts.
+    assert!(Object { state: None, ..known }.counts());
+}
+
+#[test]
+fn lists_of_version_1_have_all_objects_under_one_key() {
+    let mut list = list();
+    list.not_counted.clear();
+    let json = list.to_json().unwrap().replace("\"version\": 2", "\"version\": 1");
+    let json = format!("{}\n}}", json.split_once(",\n  \"not_counted\"").unwrap().0);
+    assert!(!json.contains("not_counted"), "{json}");
+    let read: ObjectList = serde_json::from_str(&json).unwrap();
+    assert_eq!((read.version, read.objects), (1, list.objects));
 }

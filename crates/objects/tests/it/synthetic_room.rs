@@ -53,7 +53,7 @@ fn the_list_has_what_the_log_and_the_memory_know() {
     assert_eq!(list, ObjectList::new(&log, Some(seen.memory.map())));
     assert_eq!(list.frames, 4);
     for (id, record) in log.records() {
-        let object = list.objects.iter().find(|object| object.id == *id).unwrap();
+        let object = list.get(*id).unwrap();
         let (first, last) = (object.first_frame.as_ref().unwrap(), object.last_frame.as_ref().unwrap());
         assert_eq!((first.number, last.number, object.frames), (record.first_frame, record.last_frame, record.frames));
         let expected = if record.frames > 1 { ObjectState::Remembered } else { ObjectState::Tentative };
@@ -67,6 +67,6 @@ fn the_list_has_what_the_log_and_the_memory_know() {
     assert!(!memory.map().carried_ids().contains(&id) && !carried.contains(&id));
     log.record(&FrameOutput::from_segments(SegmentMap::filled(2, 2, id)));
     let list = ObjectList::new(&log, Some(memory.map()));
-    let object = list.objects.iter().find(|object| object.id == id).unwrap();
+    let object = list.get(id).unwrap();
     assert_eq!((object.state, &object.shape), (Some(ObjectState::Forgotten), &None));
 }

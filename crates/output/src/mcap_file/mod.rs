@@ -118,7 +118,7 @@ impl McapFile {
         recording.write("/splatseg/points", *first, &points.message(Time::from_nanoseconds(*first))?)?;
         let times = self.seen.first_times(end.remaps);
         let first_seen = |id: &SegmentId| times.get(id).copied().unwrap_or(*first);
-        let objects = end.objects.objects.iter();
+        let objects = end.objects.all();
         let mut shown: Vec<ShownObject> =
             objects.filter_map(|object| ShownObject::new(first_seen(&object.id), object)).collect();
         shown.sort_by_key(|object| (object.first_seen, object.id));

@@ -96,6 +96,9 @@ struct SavedPage {
 }
 
 impl Page {
+    /// Name of the page in the folder of results.
+    pub const FILE: &'static str = "index.html";
+
     /// A page without frames.
     pub fn new() -> Self {
         Self::default()
@@ -266,7 +269,7 @@ impl RunOutput for Page {
             poses: self.encoded_poses(origin, end.pose_corrections),
             cameras: &self.cameras,
             up: self.up.direction(),
-            objects: end.objects.objects.iter().map(|object| self.object(object)).collect(),
+            objects: end.objects.all().map(|object| self.object(object)).collect(),
             changes: end.changes.map(|changes| ChangesData::new(&changes, origin)),
             map: end.map.map(|map| map::map_data(&map, origin, |_| true)),
         };
@@ -274,7 +277,7 @@ impl RunOutput for Page {
         folder.write(file, format!("var splatsegRun={};\n", json(file, &data)?).as_bytes())?;
         folder.write("viewer/viewer.js", VIEWER_SCRIPT.as_bytes())?;
         // Written last, so that an existing page has everything it needs.
-        folder.write("index.html", HTML.replace("{{style}}", STYLE).as_bytes())
+        folder.write(Self::FILE, HTML.replace("{{style}}", STYLE).as_bytes())
     }
 }
 

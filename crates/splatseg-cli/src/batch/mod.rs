@@ -41,7 +41,7 @@ pub fn batch(arguments: &BatchArguments, program: &[OsString]) -> Result<(), Fai
     let failed = match &arguments.collect {
         Some(path) => failed_scenes(path)?,
         None => {
-            say_error!("{}, {} done before", counted(plan.scenes.len(), "scene"), plan.scenes.len() - plan.jobs.len());
+            inform!("{}, {} done before", counted(plan.scenes.len(), "scene"), plan.scenes.len() - plan.jobs.len());
             let signals = StopSignals::listen().map_err(|error| no_thread("listens for signals", &error))?;
             pool::Pool { program, plan: &plan, signals: &signals }.run()?
         }
@@ -58,9 +58,9 @@ fn failed_scenes(path: &Path) -> Result<Vec<FailedScene>, Failure> {
 }
 
 fn report(out: &Path, plan: &Plan, failed: &[FailedScene]) -> Result<(), Failure> {
-    say!("{} in {}", counted(plan.scenes.len() - failed.len(), "scene"), out.join(tables::RESULTS).display());
+    report!("{} in {}", counted(plan.scenes.len() - failed.len(), "scene"), out.join(tables::RESULTS).display());
     if out.join(tables::SCORES).is_file() {
-        say!("scores over all scenes with ground truth are in {}", out.join(tables::SCORES).display());
+        report!("scores over all scenes with ground truth are in {}", out.join(tables::SCORES).display());
     }
     match failed.first() {
         None => Ok(()),

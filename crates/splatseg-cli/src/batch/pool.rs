@@ -109,7 +109,7 @@ impl Pool<'_> {
             }
             if latest.elapsed() >= BETWEEN_LINES {
                 latest = Instant::now();
-                say_error!("{}", lock(shared).progress(self.plan.jobs.len(), started.elapsed()));
+                inform!("{}", lock(shared).progress(self.plan.jobs.len(), started.elapsed()));
             }
         }
     }

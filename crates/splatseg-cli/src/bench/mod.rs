@@ -188,18 +188,18 @@ fn obtain(job: &BenchJob, plan: &Plan, store: &ResultStore, hashes: &InputHashes
     let mut origin = Origin::Measured;
     match store.load(&key, &inputs) {
         Stored::Same(result) => {
-            say!("{key}: reused");
+            report!("{key}: reused");
             return Ok(Outcome { key, result: result.without_drawings(), origin: Origin::Stored });
         }
         Stored::Outdated(reason) => {
-            say!("{key}: measured again: {reason}");
+            report!("{key}: measured again: {reason}");
             origin = Origin::MeasuredAgain;
         }
         Stored::Nothing => {}
     }
     let result = job::run(scene, &inputs).inspect_err(failed)?;
     store.save(&key, &result).map_err(|error| error.to_string())?;
-    say!("{key}: {}", result.short_summary());
+    report!("{key}: {}", result.short_summary());
     Ok(Outcome { key, result: result.without_drawings(), origin })
 }
 

@@ -1,8 +1,9 @@
 //! `splatseg inspect drive.mcap`, `.db3`, `.bag` or a Kinect's `.mkv`: shows the topics, and the ones that a run would use.
 
-use super::InspectArguments;
+use super::{InspectArguments, print_json};
 use crate::Failure;
 use crate::terminal::counted;
+use serde_json::{Value, json};
 use splatseg_dataset::{RecordingSummary, RecordingTopic};
 use std::time::Duration;
 
@@ -11,12 +12,13 @@ const LISTED: usize = 200;
 
 /// Prints the contents of a recording.
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
-    if arguments.convert.is_some() || arguments.tensors {
-        let message = "--convert and --tensors are for checkpoints, this is a recording";
-        return Err(Failure::input(format!("{}: {message}", arguments.file.display())));
-    }
+    arguments.refuse_checkpoint_options("a recording")?;
     let summary = RecordingSummary::read(&arguments.file, &arguments.topics.settings(&arguments.camera)?)
         .map_err(Failure::input)?;
+    if arguments.json {
+        print_json(&described(&summary))?;
+        return summary.scene.map(|_| ()).map_err(Failure::input);
+    }
     say!("file           {}", summary.path.display());
     let files = if summary.files == 1 { String::new() } else { format!(" in {} files", summary.files) };
     let compression = summary.compression.map_or_else(String::new, |how| format!(", compressed ({how})"));
@@ -52,6 +54,34 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
             Err(Failure::input(error))
         }
     }
+}
+
+/// The content of `--json`.
+fn described(summary: &RecordingSummary) -> Value {
+    let topic = |topic: &RecordingTopic| {
+        json!({
+            "name": topic.name,
+            "type": topic.type_name,
+            "messages": topic.messages,
+            "first_s": topic.recorded.map(|(first, _)| first.as_secs_f64()),
+            "last_s": topic.recorded.map(|(_, last)| last.as_secs_f64()),
+            "unreadable": topic.unreadable.as_ref().map_or(0, |(count, _)| *count),
+        })
+    };
+    let frames = summary.scene.as_ref().ok();
+    json!({
+        "file": summary.path,
+        "kind": "recording",
+        "format": summary.format.name(),
+        "files": summary.files,
+        "compression": summary.compression,
+        "camera": summary.camera,
+        "topics": summary.topics.iter().map(topic).collect::<Vec<_>>(),
+        "damage": summary.damage,
+        "frames": frames.map_or(0, |frames| frames.count),
+        "sources": frames.map(|frames| &frames.sources),
+        "error": summary.scene.as_ref().err().map(ToString::to_string),
+    })
 }
 
 fn print_times(topics: &[RecordingTopic]) {

@@ -1,8 +1,9 @@
 //! `splatseg inspect FOLDER`: shows what a run would read from a scene, without reading all frames.
 
-use super::InspectArguments;
+use super::{InspectArguments, print_json};
 use crate::Failure;
 use crate::terminal::counted;
+use serde_json::{Value, json};
 use splatseg_dataset::{DatasetSettings, FrameSource, FrameStream, GroundTruth, LeftOut, Scene, open_scene};
 use splatseg_geometry::CameraFrame;
 use std::path::Path;
@@ -21,14 +22,14 @@ pub fn is_scene(path: &Path) -> bool {
 
 /// Prints what is known about a scene from its files, its first good frame, and the time of its last one.
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
-    if arguments.convert.is_some() || arguments.tensors {
-        let message = "--convert and --tensors are for checkpoints, this is a scene";
-        return Err(Failure::input(format!("{}: {message}", arguments.file.display())));
-    }
+    arguments.refuse_checkpoint_options("a scene")?;
     let mut settings = arguments.topics.settings(&arguments.camera)?;
     // The camera is that of the stored images.
     settings.max_pixels = MAX_PIXELS;
     let scene = open_scene(&arguments.file, &settings).map_err(Failure::input)?;
+    if arguments.json {
+        return print_json(&described(&arguments.file, &scene, &settings)?);
+    }
     say!("file           {}", arguments.file.display());
     let format = scene.format().map_or("a scene", |format| format.name());
     say!("kind           scene, format {format}");
@@ -40,6 +41,32 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     say!("ground truth   {}", if scene.has_ground_truth() { "segments" } else { "none" });
     scene.sources().iter().for_each(|source| say!("  {source}"));
     Ok(())
+}
+
+/// The content of `--json`.
+fn described(path: &Path, scene: &Arc<dyn Scene>, settings: &DatasetSettings) -> Result<Value, Failure> {
+    let mut stream = FrameStream::open(Arc::clone(scene), settings, GroundTruth::Skip).map_err(Failure::input)?;
+    let Some(first) = stream.find_map(Result::ok).map(|first| first.frame) else {
+        return Err(Failure::input(format!("{}: none of its frames can be read", scene.name())));
+    };
+    let left_out = |kind: &LeftOut| json!({"frames": kind.count, "what": kind.what});
+    let camera = first.intrinsics();
+    let seconds = |time: Option<Duration>| time.map(|time| time.as_secs_f64());
+    Ok(json!({
+        "file": path,
+        "kind": "scene",
+        "format": scene.format().map(|format| format.name()),
+        "frames": scene.frame_count(),
+        "left_out": scene.left_out().iter().map(left_out).collect::<Vec<_>>(),
+        "width": first.width(),
+        "height": first.height(),
+        "camera": {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy},
+        "first_s": seconds(first.timestamp()),
+        "last_s": seconds(last_time(scene.as_ref())),
+        "has_poses": scene.has_poses(),
+        "has_ground_truth": scene.has_ground_truth(),
+        "sources": scene.sources(),
+    }))
 }
 
 fn print_all(title: &str, kinds: &[LeftOut]) {
@@ -75,13 +102,17 @@ fn print_first_frame(scene: &Arc<dyn Scene>, settings: &DatasetSettings) -> Resu
 
 fn times_text(scene: &dyn Scene, first: &CameraFrame<'_>) -> String {
     let Some(start) = first.timestamp() else { return "none".to_owned() };
-    let last = scene.frame_count().checked_sub(1).and_then(|last| scene.read_recorded(last).ok());
     let seconds = |time: Duration| time.as_secs_f64();
-    match last.and_then(|last| last.frame.timestamp()) {
+    match last_time(scene) {
         Some(end) => {
             let (start, end) = (seconds(start), seconds(end));
             format!("{start:.3} s to {end:.3} s, {:.1} s", end - start)
         }
         None => format!("from {:.3} s, that of the last frame is unknown", seconds(start)),
     }
+}
+
+/// The time of the last frame, if it has one and can be read.
+fn last_time(scene: &dyn Scene) -> Option<Duration> {
+    scene.read_recorded(scene.frame_count().checked_sub(1)?).ok()?.frame.timestamp()
 }

@@ -104,7 +104,7 @@ impl SessionOptions {
         stream
             .finish_recording()
             .map_err(|error| Failure::runtime(format!("{}: the recording is not saved: {error}", file.display())))?;
-        say!("recording: {}", file.display());
+        report!("recording: {}", file.display());
         Ok(())
     }
 
@@ -152,19 +152,19 @@ impl SessionOptions {
     /// Prints what was done. Names only files that contain it.
     fn report(&self, session: &LiveSession, stream: &LiveStream) {
         for source in stream.sources() {
-            say_error!("  {source}");
+            inform!("  {source}");
         }
         let status = session.status();
-        say!("{} frames, {} objects; {}", status.frames, status.objects, stream.counts());
-        say!("{}", session.latest_times());
+        report!("{} frames, {}; {}", status.frames, session.objects().counts(), stream.counts());
+        report!("{}", session.latest_times());
         let (Some(map), Some(saving)) = (&self.map, &status.saving) else { return };
         let files = SavedMap::new(map.clone());
         let is_there = |path: &Path| path.is_file().then(|| path.display().to_string());
         let (map, objects) = (is_there(files.map()), is_there(&files.objects()));
         match (saving.saved_frames, &saving.problem, map.zip(objects)) {
-            (Some(_), None, Some((map, objects))) => say!("map: {map}; objects: {objects}"),
+            (Some(_), None, Some((map, objects))) => report!("map: {map}; objects: {objects}"),
             (Some(saved), Some(_), Some((map, objects))) => {
-                say!("map: {map}; objects: {objects}: as of frame {saved} of {}", status.frames);
+                report!("map: {map}; objects: {objects}: as of frame {saved} of {}", status.frames);
             }
             // The error says what is not there.
             _ => {}

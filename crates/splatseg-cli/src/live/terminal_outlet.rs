@@ -1,9 +1,8 @@
 //! The state of a live session on the terminal.
 
-use crate::terminal::escape;
+use crate::terminal::{escape, is_quiet, shows_progress};
 use indicatif::{ProgressBar, ProgressStyle};
 use splatseg_live::{LiveStatus, Outlet, Output};
-use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 /// Time between two lines, if standard error is not a terminal.
@@ -22,8 +21,8 @@ pub struct TerminalOutlet {
 impl TerminalOutlet {
     pub fn new() -> Self {
         let style = ProgressStyle::with_template("{wide_msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
-        let bar = ProgressBar::no_length().with_style(style);
-        Self { bar, latest: None, is_terminal: std::io::stderr().is_terminal(), unsaved: None }
+        let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::no_length() };
+        Self { bar: bar.with_style(style), latest: None, is_terminal: shows_progress(), unsaved: None }
     }
 }
 
@@ -39,7 +38,7 @@ impl Outlet for TerminalOutlet {
         if unsaved != self.unsaved {
             self.bar.suspend(|| match &unsaved {
                 Some(problem) => say_error!("warning: the map is not saved: {problem}"),
-                None => say_error!("the map is saved again"),
+                None => inform!("the map is saved again"),
             });
             self.unsaved = unsaved;
         }
@@ -47,7 +46,7 @@ impl Outlet for TerminalOutlet {
             self.bar.set_message(escape(&status.to_string()).into_owned());
         } else if self.latest.is_none_or(|latest| latest.elapsed() >= BETWEEN_LINES) {
             self.latest = Some(Instant::now());
-            say_error!("{status}");
+            inform!("{status}");
         }
     }
 }

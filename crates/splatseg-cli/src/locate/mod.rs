@@ -102,8 +102,8 @@ pub fn locate(arguments: &LocateArguments) -> Result<(), Failure> {
         return Err(Failure::input(format!("{}: has no poses to compare with", arguments.scene.display())));
     }
     let stream = FrameStream::open(scene, &dataset, GroundTruth::Skip).map_err(Failure::input)?;
-    say_error!("{}", stream.description());
-    say_error!("{}: {}", arguments.map.display(), counted(relocaliser.keyframe_count(), "keyframe"));
+    inform!("{}", stream.description());
+    inform!("{}: {}", arguments.map.display(), counted(relocaliser.keyframe_count(), "keyframe"));
     let found = search(arguments, &relocaliser, stream)?;
     let written = |path: &Path, bytes: &[u8]| write_atomically(path, bytes).map_err(Failure::runtime);
     match &arguments.out {

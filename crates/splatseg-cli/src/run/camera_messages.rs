@@ -39,9 +39,15 @@ pub struct CameraMessages {
 }
 
 impl CameraMessages {
-    /// Creates messages for a run. `has_loaded_map` is true if it starts with a saved map.
-    pub fn new(has_loaded_map: bool) -> Self {
-        Self { is_unplaced: has_loaded_map, ..Self::default() }
+    /// Creates messages for a run. `has_loaded_map` is true if it starts with a saved map. `turn` was told before it was
+    /// resumed.
+    pub fn new(has_loaded_map: bool, turn: QuarterTurn) -> Self {
+        Self { is_unplaced: has_loaded_map, turn, ..Self::default() }
+    }
+
+    /// The turn that was told last.
+    pub fn turn(&self) -> QuarterTurn {
+        self.turn
     }
 
     /// Records a frame. Returns messages if tracking was lost or has resumed, and about what was found out with the frame.
@@ -148,7 +154,7 @@ mod tests {
 
     #[test]
     fn each_event_has_a_line() {
-        let mut messages = CameraMessages::new(false);
+        let mut messages = CameraMessages::new(false, QuarterTurn::None);
         let mut add = |state, events: &[PoseEvent]| messages.add("7", &pose(state), events, 3);
         assert!(add(PoseState::Tracked, &[]).is_empty());
         assert_eq!(
@@ -180,7 +186,7 @@ mod tests {
 
     #[test]
     fn a_camera_that_is_turned_is_told_once() {
-        let mut messages = CameraMessages::new(false);
+        let mut messages = CameraMessages::new(false, QuarterTurn::None);
         let turns = [QuarterTurn::None, QuarterTurn::Right, QuarterTurn::Right, QuarterTurn::None];
         let told: Vec<String> = turns.iter().filter_map(|turn| messages.add_turn("7", *turn)).collect();
         assert_eq!(
@@ -193,8 +199,15 @@ mod tests {
     }
 
     #[test]
+    fn a_turn_is_not_told_again_after_a_stop() {
+        let mut messages = CameraMessages::new(false, QuarterTurn::Right);
+        assert_eq!((messages.add_turn("7", QuarterTurn::Right), messages.turn()), (None, QuarterTurn::Right));
+        assert!(messages.add_turn("8", QuarterTurn::None).is_some_and(|text| text.contains("upright")));
+    }
+
+    #[test]
     fn a_camera_that_is_not_found_in_a_loaded_map_is_reported_at_the_end() {
-        let mut messages = CameraMessages::new(true);
+        let mut messages = CameraMessages::new(true, QuarterTurn::None);
         let first = messages.add("0", &pose(PoseState::Lost), &[], 0);
         assert!(first.len() == 1 && first[0].contains("is searched for"), "{first:?}");
         assert!(messages.at_end().unwrap().contains("was not found"));
@@ -205,7 +218,7 @@ mod tests {
 
     #[test]
     fn messages_end_and_say_so() {
-        let mut messages = CameraMessages::new(false);
+        let mut messages = CameraMessages::new(false, QuarterTurn::None);
         let states = [PoseState::Tracked, PoseState::Lost];
         let all: Vec<String> = (0..100).flat_map(|k| messages.add("0", &pose(states[k % 2]), &[], 0)).collect();
         assert!(all.len() == MAX_MESSAGES + 1 && all.last().unwrap().contains("no further messages"), "{all:?}");

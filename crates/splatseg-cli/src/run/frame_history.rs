@@ -169,11 +169,7 @@ impl FrameHistory {
             let ids: BTreeSet<SegmentId> = frame.ids.iter().map(|id| *finals.get(id).unwrap_or(id)).collect();
             ids.intersection(&joined).for_each(|id| *counts.entry(*id).or_default() += 1);
         }
-        for object in &mut list.objects {
-            if let Some(frames) = counts.get(&object.id) {
-                object.frames = *frames;
-            }
-        }
+        list.set_frames(&counts);
     }
 }
 

@@ -91,7 +91,8 @@ impl FrameLoop<'_> {
         written: WriterOutcome,
         mut counts: RunCounts,
     ) -> Result<LoopOutcome, Failure> {
-        let camera = CameraMessages::new(self.has_loaded_map);
+        let told_turn = self.saving.as_ref().map(|saving| saving.state.turn).unwrap_or_default();
+        let camera = CameraMessages::new(self.has_loaded_map, told_turn);
         let mut reports = Reports { camera, ..Reports::default() };
         let writer = ResultWriter::start(written).map_err(|error| no_thread("writes the results", &error))?;
         let mut done = self.saving.as_ref().map_or(0, |saving| saving.state.next);
@@ -99,7 +100,7 @@ impl FrameLoop<'_> {
         let early = loop {
             if let Some(signal) = self.signals.received().filter(|_| frames.frames_left() != Some(0)) {
                 counts.interrupted = true;
-                self.save_state(done, &counts, &frames, &writer, &progress);
+                self.save_state((done, &counts, &reports.camera), &frames, &writer, &progress);
                 break Some(EarlyEnd::Signal(signal));
             }
             let Some(item) = frames.next() else { break None };
@@ -124,7 +125,7 @@ impl FrameLoop<'_> {
             progress.frame_done();
             done += 1;
             if self.saving.as_ref().is_some_and(|saving| done.is_multiple_of(saving.every)) {
-                self.save_state(done, &counts, &frames, &writer, &progress);
+                self.save_state((done, &counts, &reports.camera), &frames, &writer, &progress);
             }
         };
         progress.finish();
@@ -150,8 +151,7 @@ impl FrameLoop<'_> {
     /// Saves the state after the first `done` frames of the scene, if enabled.
     fn save_state(
         &self,
-        done: usize,
-        counts: &RunCounts,
+        (done, counts, camera): (usize, &RunCounts, &CameraMessages),
         frames: &Frames<'_, impl FrameSource>,
         writer: &ResultWriter,
         progress: &Progress,
@@ -164,6 +164,7 @@ impl FrameLoop<'_> {
             track_errors: counts.track_errors,
             pose_events: counts.pose_events,
             input_doubts: counts.input_doubts.clone(),
+            turn: camera.turn(),
             ..saving.state.clone()
         };
         let path = saving.staging.join(state.memory_file());

@@ -30,6 +30,8 @@ pub use skipped_frames::SkippedFrames;
 pub use stop_signals::StopSignals;
 
 use super::arguments::RunArguments;
+use super::browser;
+use super::default_out::default_out;
 use super::input_paths::{InputPaths, real_path};
 use super::manifest::SUMMARY;
 use super::map_changes::{self, MapBefore};
@@ -51,7 +53,7 @@ use splatseg_dataset::{FrameSource, FrameStream, GroundTruth, Scene, open_scene}
 use splatseg_files::read_file;
 use splatseg_objects::MapChanges;
 use splatseg_odometry::StateScope;
-use splatseg_output::{ChangesSince, ResultFolder, RunEnd, RunOutput};
+use splatseg_output::{ChangesSince, Page, ResultFolder, RunEnd, RunOutput};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -102,24 +104,25 @@ impl RunJob {
 
 /// Executes `splatseg run`.
 pub fn run(arguments: &RunArguments, program: &[OsString]) -> Result<(), Failure> {
-    let resume = if arguments.resume { SavedRun::open(&arguments.out)? } else { None };
-    if arguments.resume && resume.is_none() && is_complete(&arguments.out) {
-        say!("{}: the run is complete already", arguments.out.display());
+    let out = arguments.out.clone().unwrap_or_else(|| default_out(&arguments.scene, arguments.resume));
+    let resume = if arguments.resume { SavedRun::open(&out)? } else { None };
+    if arguments.resume && resume.is_none() && is_complete(&out) {
+        report!("{}: the run is complete already", out.display());
         return Ok(());
     }
     let existing = match &resume {
         Some(_) => OverwritePolicy::Resume,
-        None if arguments.resume && SavedRun::has_only_begun(&arguments.out) => {
-            say_error!("{}: stopped before its state was saved: it starts anew", arguments.out.display());
+        None if arguments.resume && SavedRun::has_only_begun(&out) => {
+            inform!("{}: stopped before its state was saved: it starts anew", out.display());
             OverwritePolicy::Replace
         }
         None => OverwritePolicy::from_flag(arguments.overwrite),
     };
     let job = RunJob {
         scene: arguments.scene.clone(),
-        out: arguments.out.clone(),
         existing,
-        settings: arguments.settings()?,
+        settings: arguments.settings(&out)?,
+        out,
         save_memory: arguments.save_memory.clone(),
         load_memory: arguments.load_memory.clone(),
         resume,
@@ -130,7 +133,10 @@ pub fn run(arguments: &RunArguments, program: &[OsString]) -> Result<(), Failure
     check_paths(&job, arguments.options.config.as_deref())?;
     devices::check(job.settings.device(), program)?;
     let summary = execute(&job)?;
-    say!("{}", report(&job, &summary));
+    report!("{}", report(&job, &summary));
+    if arguments.open {
+        browser::open(&job.out.join(Page::FILE));
+    }
     Ok(())
 }
 
@@ -211,10 +217,11 @@ fn execute_with(
     let folder = OutputFolder::prepare(&job.out, job.existing, &names, job.settings.run.overlay)?;
     let mut pipeline = build(job, &scene)?;
     let before = job.load_memory.as_deref().map(MapBefore::load).transpose()?.flatten();
-    say_error!("{}", stream.description());
-    say_error!("{}", camera_messages::described(job.settings.run.poses, scene.has_poses()));
+    inform!("{}", stream.description());
+    inform!("{}", camera_messages::described(job.settings.run.poses, scene.has_poses()));
 
     let run = &job.settings.run;
+    let state = RunState { earlier_ids: pipeline.earlier_ids(), ..state };
     let saving = StateSaving { every: run.save_every, state, staging: folder.staging().to_owned() };
     let saving = (run.save_every > 0).then_some(saving);
     let has_final_pass = !run.online && pipeline.hindsight().is_some();
@@ -252,7 +259,7 @@ fn name_objects(pipeline: &mut Pipeline) -> Result<(), Failure> {
     if pipeline.has_namer() {
         let started = Instant::now();
         let named = pipeline.finish_names().map_err(Failure::runtime)?;
-        say_error!("{} named from pictures in {:.1} s", counted(named, "object"), started.elapsed().as_secs_f64());
+        inform!("{} named from pictures in {:.1} s", counted(named, "object"), started.elapsed().as_secs_f64());
     }
     Ok(())
 }
@@ -298,7 +305,7 @@ fn write_changes(before: &MapBefore, pipeline: &Pipeline, ended: &mut LoopOutcom
             if let Err(error) = ended.written.folder.write(CHANGES, &bytes) {
                 ended.written.output_errors.push(error);
             } else if let Some(counts) = map_changes::lines(&changes).first() {
-                say_error!("since the loaded map: {counts}; see {CHANGES}");
+                inform!("since the loaded map: {counts}; see {CHANGES}");
             }
             Some(changes)
         }
@@ -342,7 +349,7 @@ fn build_pipeline(job: &RunJob, scene: &Arc<dyn Scene>) -> Result<Pipeline, Fail
         builder = builder.saved_memory(path);
     }
     if let Some(saved) = &job.resume {
-        builder = builder.saved_memory(saved.memory()).objects(saved.objects());
+        builder = builder.saved_memory(saved.memory()).objects(saved.objects()).earlier_ids(saved.state.earlier_ids);
         if let Some(state) = saved.poses()? {
             builder = builder.saved_poses(state);
         }

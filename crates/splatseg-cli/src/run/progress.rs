@@ -1,8 +1,7 @@
 //! Progress of a run: a bar on a terminal, otherwise a line from time to time.
 
-use super::super::terminal::counted;
+use super::super::terminal::{counted, is_quiet, shows_progress};
 use indicatif::{ProgressBar, ProgressStyle};
-use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 /// Time between two lines.
@@ -18,8 +17,9 @@ pub struct Progress {
 impl Progress {
     /// Creates the display for a run of this many frames; `None` if the end is not known.
     pub fn new(frames: Option<usize>) -> Self {
-        let lines = (!std::io::stderr().is_terminal()).then(|| ProgressLines::new(frames, Instant::now()));
+        let lines = (!shows_progress() && !is_quiet()).then(|| ProgressLines::new(frames, Instant::now()));
         let bar = match frames {
+            _ if is_quiet() => ProgressBar::hidden(),
             Some(frames) => {
                 ProgressBar::new(frames as u64).with_style(style("{bar:40} {pos}/{len} frames, {per_sec}, {eta} left"))
             }
@@ -39,18 +39,18 @@ impl Progress {
     pub fn frame_done(&mut self) {
         self.bar.inc(1);
         if let Some(line) = self.lines.as_mut().and_then(|lines| lines.frame_done(Instant::now())) {
-            say_error!("{line}");
+            inform!("{line}");
         }
     }
 
     /// Prints a warning above the bar.
     pub fn warn(&self, text: &str) {
-        self.say(&format!("warning: {text}"));
+        self.bar.suspend(|| say_error!("warning: {text}"));
     }
 
     /// Prints a message above the bar.
     pub fn say(&self, text: &str) {
-        self.bar.suspend(|| say_error!("{text}"));
+        self.bar.suspend(|| inform!("{text}"));
     }
 
     /// Removes the bar.
@@ -61,7 +61,8 @@ impl Progress {
 
 /// Returns the progress bar for computing a codebook, in percent.
 pub fn codebook_bar() -> ProgressBar {
-    ProgressBar::new(100).with_style(style("codebook {bar:30} {percent}%"))
+    let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(100) };
+    bar.with_style(style("codebook {bar:30} {percent}%"))
 }
 
 fn style(template: &str) -> ProgressStyle {

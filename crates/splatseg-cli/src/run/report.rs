@@ -7,8 +7,8 @@ use crate::Failure;
 use crate::terminal::counted;
 use splatseg::Pipeline;
 use splatseg::summary::{PoseStateCounts, RunCounts, Summary, peak_memory_mb};
-use splatseg_geometry::MapView;
-use splatseg_output::{ObjectsFile, PosesFile};
+use splatseg_objects::ObjectCounts;
+use splatseg_output::{ObjectsFile, Page, PosesFile};
 use std::time::Duration;
 
 /// Times of a run.
@@ -51,10 +51,10 @@ pub fn finish(
     }
     let frames = counted(counts.frames, "frame");
     let at = if early.is_some() { format!("after {frames}") } else { format!("at the end of {frames}") };
-    let mut summary = summary(job, counts, times, pipeline.map());
+    let mut summary = summary(job, counts, times, pipeline);
     summary.error = early.as_ref().map(EarlyEnd::reason).into_iter().chain(lost.iter().cloned()).reduce(joined);
     if folder.has_results() {
-        let text = serde_json::to_string_pretty(&summary).map_err(Failure::runtime)?;
+        let text = summary.to_json(folder.path()).map_err(Failure::runtime)?;
         if let Err(error) = folder.write_summary(&text) {
             lost.push(format!("the summary could not be written: {error}"));
         }
@@ -97,8 +97,8 @@ impl EarlyEnd {
     }
 }
 
-fn summary(job: &RunJob, counts: RunCounts, times: RunTimes, map: Option<MapView<'_>>) -> Summary {
-    let is_tentative = |id: &&u32| map.is_some_and(|map| map.is_tentative(**id));
+fn summary(job: &RunJob, counts: RunCounts, times: RunTimes, pipeline: &Pipeline) -> Summary {
+    let (map, objects) = (pipeline.map(), pipeline.object_list().counts());
     Summary {
         frames: counts.frames,
         resumed_frames: counts.resumed_frames,
@@ -108,10 +108,12 @@ fn summary(job: &RunJob, counts: RunCounts, times: RunTimes, map: Option<MapView
         unjoined_frames: counts.unjoined_frames,
         pose_residual: counts.pose_residual(),
         input_doubts: counts.input_doubts.clone(),
+        objects: objects.objects,
+        tentative_objects: objects.tentative,
+        forgotten_objects: objects.forgotten,
         segments: counts.ids.len(),
         remapped_ids: counts.remapped_ids,
         rgb_id_images: counts.rgb_id_images,
-        tentative_segments: counts.ids.iter().filter(is_tentative).count(),
         gaussians: map.map_or(0, |map| map.gaussian_count()),
         parameters: map.map_or(0, |map| map.parameter_count()),
         peak_memory_mb: peak_memory_mb(),
@@ -125,6 +127,7 @@ fn summary(job: &RunJob, counts: RunCounts, times: RunTimes, map: Option<MapView
         interrupted: counts.interrupted,
         error: None,
         scene: job.scene.display().to_string(),
+        paths: None,
         settings: job.settings.clone(),
         seed: job.settings.run.seed,
         version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -142,15 +145,17 @@ pub fn report(job: &RunJob, summary: &Summary) -> String {
         0 => "16-bit images".to_owned(),
         count => format!("16-bit images, or RGB images for the {} with ids above 65535,", counted(count, "frame")),
     };
+    let (tentative, forgotten) = (summary.tentative_objects, summary.forgotten_objects);
+    let objects = ObjectCounts { objects: summary.objects, tentative, forgotten };
     let ms_without_segmenter = 1e3 / summary.fps.without_segmenter.max(1e-3);
     let mut text = format!(
         "{}{skipped}, {}, {}\n\
          {:.1} frames per second over the whole run, {:.1} s of it before the first frame; without the segmenter, a frame \
          takes {ms_without_segmenter:.1} ms{memory}\n\
-         overlays are in {}\nids are in {}, as {id_images} with one value per segment; {} describes the run\n\
+         overlays are in {}\nids are in {}, as {id_images} with the id of the object at each pixel; {} describes the run\n\
          the objects are listed in {}, with a picture of each in {}",
         counted(summary.frames, "frame"),
-        counted(summary.segments, "segment"),
+        objects,
         counted(summary.gaussians, "Gaussian"),
         summary.fps.total,
         summary.start_up_s,
@@ -195,7 +200,7 @@ pub fn report(job: &RunJob, summary: &Summary) -> String {
         text.push_str(&format!("\nthe recording is in {}: open it in Foxglove or Rerun", path.display()));
     }
     if job.settings.run.page {
-        text.push_str(&format!("\nlook at {}", job.out.join("index.html").display()));
+        text.push_str(&format!("\nlook at {}", job.out.join(Page::FILE).display()));
     }
     text
 }

@@ -46,7 +46,7 @@ pub fn start(
         let saving = if is_saved { Saving::Later } else { Saving::Off };
         return Ok((WriterOutcome::new(folder, outputs, saving, shown), RunCounts::default()));
     };
-    say_error!("going on after frame {} of the scene", saved.state.next);
+    inform!("going on after frame {} of the scene", saved.state.next);
     let saving = match is_saved {
         true => Saving::On(StateWriter::start(&job.out, Some(saved)).map_err(Failure::runtime)?),
         false => Saving::Off,

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use splatseg::Settings;
 use splatseg_files::{read_file, sync_file_system, write_atomically, write_unsynced};
-use splatseg_geometry::{KeyframeId, Pose, RemappedId};
+use splatseg_geometry::{KeyframeId, Pose, QuarterTurn, RemappedId, SegmentId};
 use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_odometry::{PoseEventCounts, PoseState};
 use splatseg_output::{FrameRecord, RunOutput};
@@ -67,6 +67,12 @@ pub struct RunState {
     /// What was conspicuous about the input so far, a sentence each.
     #[serde(default)]
     pub input_doubts: Vec<String>,
+    /// The turn for the segmenter that was told last.
+    #[serde(default)]
+    pub turn: QuarterTurn,
+    /// The largest id in use before the first frame.
+    #[serde(default)]
+    pub earlier_ids: SegmentId,
     /// The settings of the run.
     pub settings: Value,
     /// The names of the run's outputs.
@@ -86,6 +92,8 @@ impl RunState {
             track_errors: TrackErrorCounts::default(),
             pose_events: PoseEventCounts::default(),
             input_doubts: Vec::new(),
+            turn: QuarterTurn::default(),
+            earlier_ids: 0,
             settings: serde_json::to_value(settings).map_err(Failure::runtime)?,
             outputs: outputs.iter().map(|output| output.name().to_owned()).collect(),
         })

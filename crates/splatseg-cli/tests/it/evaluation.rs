@@ -1,11 +1,11 @@
 //! `splatseg eval`: the same scores for the same predictions in any form, and clear errors for invalid ones.
 
-use crate::support::{Ended, ROOM, finish, read_json, splatseg};
+use crate::support::{CLIP_PARTS, Ended, ROOM, finish, read_json, splatseg};
 use serde_json::{Value, json};
 use splatseg_annotations::write_segments_png;
 use splatseg_dataset::Scene;
 use splatseg_geometry::{Mask, RunLengths, SegmentId, SegmentMap};
-use splatseg_test_scenes::{recording, room};
+use splatseg_test_scenes::{copy_demo_clip, recording, room};
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -123,6 +123,64 @@ fn the_results_of_a_run_are_scored_with_the_settings_of_its_scene() {
     let ended = eval(&out, &["--stride", "1"]);
     assert_eq!(ended.code, 2);
     assert!(ended.err.contains("9 frames without prediction: "), "{}", ended.err);
+}
+
+/// The paths in a summary are relative to its folder, so that it can be read from elsewhere, and moved with its scene.
+#[test]
+fn results_are_scored_from_any_folder_and_after_a_move() {
+    let folder = tempfile::tempdir().unwrap();
+    let [work, moved] = ["work", "moved"].map(|name| folder.path().join(name));
+    fs::create_dir(&work).unwrap();
+    let absolute = work.join("scenes/kitchen");
+    copy_demo_clip(&[&CLIP_PARTS[..], &["instance-filt"]].concat(), 16, &absolute);
+    let run = |scene: &str, out: &str| {
+        let mut run = splatseg();
+        run.current_dir(&work).args(["run", scene, "--out", out, "--resize", "96x72", "--segmenter", "oracle"]);
+        let ended = finish(&mut run);
+        assert_eq!(ended.code, 0, "{}", ended.err);
+        read_json(&work.join(out).join("summary.json"))
+    };
+    let summary = run("scenes/kitchen", "results/relative");
+    assert_eq!(summary["scene"], "../../scenes/kitchen");
+    assert_eq!(summary["paths"], "relative to this file");
+    let summary = run(absolute.to_str().unwrap(), "results/absolute");
+    assert_eq!(summary["scene"], absolute.to_str().unwrap());
+
+    let scored = |predictions: &Path| {
+        let ended = finish(splatseg().arg("eval").arg("--pred").arg(predictions).arg("--json"));
+        assert_eq!(ended.code, 0, "{}", ended.err);
+        let found: Value = serde_json::from_str(&ended.out).unwrap();
+        assert_eq!(found["frames"], json!(16));
+        found["vsq"].clone()
+    };
+    let score = scored(&work.join("results/relative"));
+    assert_eq!(scored(&work.join("results/absolute/segments")), score);
+    fs::rename(&work, &moved).unwrap();
+    assert_eq!(scored(&moved.join("results/relative")), score);
+    let lost = finish(splatseg().arg("eval").arg("--pred").arg(moved.join("results/absolute")));
+    assert_eq!((lost.code, lost.err.lines().count()), (2, 1), "{}", lost.err);
+    assert!(lost.err.contains(absolute.to_str().unwrap()), "{}", lost.err);
+    let none = finish(splatseg().arg("eval").arg("--pred").arg(moved.join("scenes")));
+    assert!(none.code == 2 && none.err.contains("give the scene with --gt"), "{}", none.err);
+}
+
+/// Files named in settings, too.
+#[test]
+fn settings_of_a_moved_run_find_their_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let [work, moved] = ["work", "moved"].map(|name| folder.path().join(name));
+    let small = "synthetic:frames=2,width=64,height=48,objects=3";
+    let run = |here: &Path, more: &[&str]| {
+        let ended = finish(splatseg().current_dir(here).args(["run", small]).args(more));
+        assert_eq!(ended.code, 0, "{}", ended.err);
+    };
+    fs::create_dir(&work).unwrap();
+    run(&work, &["--out", "first", "--segmenter", "oracle"]);
+    run(&work, &["--out", "second", "--segmenter", "masks", "--masks", "first/segments"]);
+    assert_eq!(read_json(&work.join("second/summary.json"))["settings"]["masks"], "../first/segments");
+    fs::rename(&work, &moved).unwrap();
+    run(folder.path(), &["--out", "third", "--config", "moved/second/summary.json"]);
+    assert_eq!(read_json(&folder.path().join("third/summary.json"))["settings"]["masks"], "../moved/first/segments");
 }
 
 #[test]

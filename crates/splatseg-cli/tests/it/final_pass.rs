@@ -60,7 +60,7 @@ fn all_results_follow_the_final_ids() {
     let (shown, list) = (shown(&out), read_json(&out.join("objects.json")));
     assert_eq!(read_json(&out.join("summary.json"))["segments"].as_u64(), Some(shown.len() as u64));
     let mut crops = BTreeSet::new();
-    for object in list["objects"].as_array().unwrap() {
+    for object in ["objects", "not_counted"].iter().flat_map(|key| list[key].as_array().unwrap()) {
         let id = object["id"].as_u64().unwrap() as SegmentId;
         let (frames, largest) = shown.get(&id).copied().unwrap_or_default();
         assert_eq!(object["frames"].as_u64(), Some(frames), "{object}");

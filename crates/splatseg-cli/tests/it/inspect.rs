@@ -167,10 +167,9 @@ fn damaged_and_foreign_trackers_are_one_line_errors() {
 #[test]
 fn bad_files_are_one_line_errors() {
     let folder = tempfile::tempdir().unwrap();
-    let cases: [(&str, &[u8], &str); 4] = [
+    let cases: [(&str, &[u8], &str); 3] = [
         ("empty.pt", b"", "an empty file, expected a checkpoint"),
         ("text.pt", b"hello world, no weights here", "a file that begins with \"hello world"),
-        ("memory.ply", b"ply\nformat binary_little_endian 1.0\n", "a PLY file, expected a checkpoint"),
         ("cut.pt", b"PK\x03\x04 and then nothing", "the zip archive"),
     ];
     for (name, bytes, message) in cases {
@@ -214,4 +213,66 @@ fn shows_what_a_run_reads_from_a_folder() {
     let missing = inspect(&scene, &[]);
     assert_eq!((missing.code, missing.err.lines().count()), (2, 1), "{}", missing.err);
     assert!(missing.err.contains("depth"), "{}", missing.err);
+}
+
+#[test]
+fn a_folder_of_recordings_is_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let place = |name: &str| folder.path().join(name);
+    fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("../dataset/tests/data/mcap/room.mcap"), place("a.mcap"))
+        .unwrap();
+    fs::write(place("b.mcap"), "no recording").unwrap();
+    fs::create_dir(place("kitchen")).unwrap();
+    numbered_scene(&place("kitchen"), 3);
+    fs::create_dir(place("notes")).unwrap();
+    fs::write(place("notes/todo.txt"), "nothing").unwrap();
+    let ended = inspect(folder.path(), &[]);
+    assert_eq!((ended.code, ended.err.as_str()), (0, ""), "{}", ended.out);
+    let lines: Vec<&str> = ended.out.lines().collect();
+    assert_eq!(lines[1], "kind           folder of 3 recordings");
+    assert!(lines[2].starts_with("  a.mcap   mcap") && lines[2].contains(" frames, "), "{}", ended.out);
+    assert!(lines[3].starts_with("  b.mcap   ") && lines[3].contains("b.mcap: "), "{}", ended.out);
+    assert!(lines[4].starts_with("  kitchen  scannet     3 frames, poses"), "{}", ended.out);
+    assert_eq!(lines.len(), 5, "{}", ended.out);
+    let json: serde_json::Value = serde_json::from_str(&inspect(folder.path(), &["--json"]).out).unwrap();
+    assert_eq!((&json[2]["frames"], &json[0]["error"]), (&json!(3), &json!(null)));
+    let refused = inspect(folder.path(), &["--tensors"]);
+    assert_eq!((refused.code, refused.err.lines().count()), (2, 1), "{}", refused.err);
+}
+
+#[test]
+fn contents_are_printed_as_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let printed = |file: &Path, more: &[&str]| {
+        let ended = inspect(file, &[&["--json"], more].concat());
+        assert_eq!(ended.code, 0, "{}", ended.err);
+        serde_json::from_str::<serde_json::Value>(&ended.out).unwrap()
+    };
+    let checkpoint = printed(&small_file(folder.path()), &["--tensors"]);
+    assert_eq!((&checkpoint["kind"], &checkpoint["parameters"]), (&json!("checkpoint"), &json!(6)));
+    assert_eq!(checkpoint["tensor_list"][0], json!({"name": "linear.weight", "type": "float32", "shape": [2, 3]}));
+    let scene = printed(&numbered_scene(folder.path(), 3), &[]);
+    assert_eq!((&scene["format"], &scene["frames"], &scene["has_poses"]), (&json!("scannet"), &json!(3), &json!(true)));
+    let room = printed(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../dataset/tests/data/mcap/room.mcap"), &[]);
+    assert_eq!((&room["kind"], &room["error"]), (&json!("recording"), &json!(null)));
+    assert!(room["frames"].as_u64() > Some(0) && room["topics"].as_array().unwrap().len() > 2, "{room}");
+}
+
+#[test]
+fn a_map_shows_its_objects() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, map) = (folder.path().join("out"), folder.path().join("map.ply"));
+    let mut run = splatseg();
+    run.args(["run", "synthetic:frames=8,width=96,height=72,objects=4", "--segmenter", "oracle", "--out"]).arg(&out);
+    assert_eq!(finish(run.arg("--save-memory").arg(&map)).code, 0);
+    let ended = inspect(&map, &[]);
+    assert_eq!((ended.code, ended.err.as_str()), (0, ""));
+    let objects = ended.out.lines().find_map(|line| line.strip_prefix("objects        ")).unwrap();
+    let count: usize = objects.split(' ').next().unwrap().parse().unwrap();
+    assert_eq!(ended.out.lines().filter(|line| line.starts_with("  ")).count(), count, "{}", ended.out);
+    let other = folder.path().join("other.ply");
+    fs::write(&other, "ply\nformat binary_little_endian 1.0\n").unwrap();
+    let damaged = inspect(&other, &[]);
+    assert_eq!((damaged.code, damaged.out.as_str(), damaged.err.lines().count()), (2, "", 1), "{}", damaged.err);
+    assert!(damaged.err.contains("other.ply"), "{}", damaged.err);
 }

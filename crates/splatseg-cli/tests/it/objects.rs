@@ -37,9 +37,9 @@ fn a_run_lists_every_object_with_a_crop() {
     assert!(ended.out.contains("objects.json"), "{}", ended.out);
     let list = list(&out);
     assert_eq!((list.frames, list.scene.as_deref()), (18, Some(ROOM)));
-    let found: BTreeMap<SegmentId, usize> = list.objects.iter().map(|object| (object.id, object.frames)).collect();
+    let found: BTreeMap<SegmentId, usize> = list.all().map(|object| (object.id, object.frames)).collect();
     assert_eq!(found, frames_by_id(&out));
-    for object in &list.objects {
+    for object in list.all() {
         let view = object.best_view.as_ref().unwrap();
         let file = view.frame.file.as_ref().unwrap();
         let map = read_segments_png(&out.join(format!("segments/{file}.png"))).unwrap();
@@ -50,7 +50,7 @@ fn a_run_lists_every_object_with_a_crop() {
         assert!(object.confidence.is_some_and(|confidence| confidence > 0.0 && confidence <= 1.0));
         assert_eq!(object.shape.is_none(), object.state == Some(ObjectState::Forgotten), "object {}", object.id);
     }
-    assert_eq!(file_names(&out.join("objects")).len(), list.objects.len());
+    assert_eq!(file_names(&out.join("objects")).len(), list.all().count());
     let csv = fs::read_to_string(out.join("objects.csv")).unwrap();
     let columns: BTreeSet<usize> = csv.lines().map(|line| line.split(',').count()).collect();
     assert_eq!((csv.lines().count(), columns.len()), (list.objects.len() + 1, 1));
@@ -58,6 +58,50 @@ fn a_run_lists_every_object_with_a_crop() {
     // Another run's list and crops replace them all.
     assert_eq!(run("synthetic:frames=1,width=64,height=48,objects=0", &out, &["--overwrite"]).code, 0);
     assert_eq!(file_names(&out.join("objects")).len(), frames_by_id(&out).len());
+}
+
+/// The number of objects is the same wherever one is given, and objects of one frame are not among them.
+#[test]
+fn there_is_one_number_of_objects() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, map) = (folder.path().join("out"), folder.path().join("map.ply"));
+    let scene = "synthetic:frames=30,width=128,height=96,objects=8,noise=kinect,seed=4";
+    let ended = finish(splatseg().args(["run", scene, "--out"]).arg(&out).arg("--save-memory").arg(&map));
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    let list = list(&out);
+    let (counts, count) = (list.counts(), list.objects.len());
+    assert!(ended.out.contains(&format!("30 frames, {counts}, ")), "{counts}: {}", ended.out);
+    let summary = read_json(&out.join("summary.json"));
+    for (key, expected) in
+        [("objects", counts.objects), ("tentative_objects", counts.tentative), ("forgotten_objects", counts.forgotten)]
+    {
+        assert_eq!(summary[key], expected, "{key}");
+    }
+    let printed = |arguments: &[&str]| {
+        let ended = finish(splatseg().args(arguments));
+        assert_eq!(ended.code, 0, "{}", ended.err);
+        serde_json::from_str::<Value>(&ended.out).unwrap()
+    };
+    let map = map.to_str().unwrap();
+    assert_eq!(printed(&["inspect", map, "--json"])["counts"]["objects"], count);
+    let found = printed(&["find", map, "largest", "--json", "--top", "1000"]);
+    let ids = |list: &Value| -> BTreeSet<u64> {
+        list.as_array().unwrap().iter().map(|object| object["id"].as_u64().unwrap()).collect()
+    };
+    let counted: BTreeSet<u64> = list.objects.iter().map(|object| u64::from(object.id)).collect();
+    assert!(ids(&found).is_subset(&counted), "{found}");
+    assert_eq!(ids(&printed(&["inspect", map, "--json"])["objects"]), counted);
+
+    let shown = frames_by_id(&out);
+    for object in &list.objects {
+        assert!(shown.get(&object.id).is_some_and(|frames| *frames > 1), "object {}", object.id);
+    }
+    assert!(list.objects.is_sorted_by_key(|object| std::cmp::Reverse(object.frames)), "the longest seen first");
+    for object in list.not_counted.iter().filter(|object| object.state == Some(ObjectState::Tentative)) {
+        assert!(shown.get(&object.id).is_none_or(|frames| *frames < 2), "object {}", object.id);
+    }
+    let mut boxes = list.all().filter_map(|object| Some(object.shape.as_ref()?.oriented_box.size));
+    assert!(boxes.all(|size| size.min_element() > 0.0), "no box is empty");
 }
 
 #[test]

@@ -124,7 +124,16 @@ fn a_resumed_run_writes_the_same_bytes() {
         assert!(fs::read(&whole_mcap).unwrap() == fs::read(&mcap).unwrap(), "the recording differs");
         assert!(fs::read(&whole_coco).unwrap() == fs::read(&coco).unwrap(), "the masks differ");
         let (expected, found) = (read_json(&whole.join("summary.json")), read_json(&out.join("summary.json")));
-        for key in ["frames", "skipped_frames", "segments", "tentative_segments", "gaussians", "error", "interrupted"] {
+        for key in [
+            "frames",
+            "skipped_frames",
+            "segments",
+            "objects",
+            "tentative_objects",
+            "gaussians",
+            "error",
+            "interrupted",
+        ] {
             assert_eq!(found[key], expected[key], "{key}");
         }
         assert!(found["resumed_frames"].as_u64() >= Some(18), "{found}");

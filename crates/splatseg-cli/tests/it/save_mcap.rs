@@ -130,7 +130,8 @@ fn check_points(messages: &[mcap::Message<'static>], out: &Path) {
         assert_eq!(u32::from_le_bytes(*rgba), u32::from_be_bytes([red, green, blue, 255]));
     }
     counts.remove(&0);
-    let shapes = objects(out).objects.into_iter().filter_map(|object| Some((object.id, object.shape?.points)));
+    let list = objects(out);
+    let shapes = list.all().filter_map(|object| Some((object.id, object.shape.as_ref()?.points)));
     assert_eq!(counts, shapes.collect());
 }
 
@@ -142,8 +143,7 @@ fn check_boxes(topics: &BTreeMap<String, Vec<mcap::Message<'static>>>, list: &Ob
     for (update, markers) in updates.iter().zip(markers) {
         let until = update.log_time;
         let expected: BTreeMap<SegmentId, (OrientedBox, u64)> = list
-            .objects
-            .iter()
+            .all()
             .filter_map(|object| {
                 let first = object.first_frame.as_ref()?.number as u64 * INTERVAL;
                 Some((object.id, (object.shape.as_ref()?.oriented_box, first)))
@@ -180,7 +180,7 @@ fn check_boxes(topics: &BTreeMap<String, Vec<mcap::Message<'static>>>, list: &Ob
         }
     }
     let last: MarkerArray<'_> = from_cdr(&markers.last().unwrap().data).unwrap();
-    assert_eq!(last.markers.len(), 2 * list.objects.iter().filter(|object| object.shape.is_some()).count());
+    assert_eq!(last.markers.len(), 2 * list.all().filter(|object| object.shape.is_some()).count());
 }
 
 #[test]

@@ -96,3 +96,76 @@ fn speed_includes_the_time_before_the_first_frame() {
     assert!(summary["fps"]["total"].as_f64().unwrap() <= 2.0 / start_up, "{summary}");
     assert!(ended.out.contains("before the first frame"), "{}", ended.out);
 }
+
+#[test]
+fn quiet_leaves_warnings_errors_and_results() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = numbered_scene(folder.path(), 4);
+    fs::write(scene.join("depth/1.png"), b"no image").unwrap();
+    let ended = run(&scene, &folder.path().join("out"), &["--quiet"]);
+    assert_eq!((ended.code, ended.out.as_str()), (0, ""), "{}", ended.err);
+    assert!(
+        ended.err.lines().count() > 0 && ended.err.lines().all(|line| line.starts_with("warning: ")),
+        "{}",
+        ended.err
+    );
+    let failed = finish(splatseg().args(["-q", "run", "nowhere", "--out", "nothing"]));
+    assert_eq!((failed.code, failed.err.lines().count()), (2, 1), "{}", failed.err);
+    let inspected = finish(splatseg().arg("inspect").arg(&scene).arg("-q"));
+    assert!(inspected.out.contains("frames         4"), "{}", inspected.out);
+}
+
+/// Only terminals show colours, unless they are asked for.
+#[test]
+fn no_color_and_pipes_have_no_colours() {
+    let failed = |variables: &[(&str, &str)]| {
+        let mut command = splatseg();
+        command.env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE").envs(variables.iter().copied());
+        finish(command.args(["inspect", "nowhere"])).err
+    };
+    assert!(failed(&[]).starts_with("error: nowhere"));
+    assert!(failed(&[("NO_COLOR", "1")]).starts_with("error: nowhere"));
+    let colored = failed(&[("CLICOLOR_FORCE", "1")]);
+    assert!(colored.starts_with("\u{1b}[1m\u{1b}[31merror:\u{1b}[0m nowhere"), "{colored:?}");
+}
+
+/// A terminal, by the program `script`; `None`, which is reported, if it is missing.
+#[cfg(target_os = "linux")]
+fn in_terminal(arguments: &str, variables: &[(&str, &str)]) -> Option<String> {
+    let mut script = std::process::Command::new("script");
+    let program = assert_cmd::cargo::cargo_bin!("splatseg");
+    script.args(["-q", "-e", "-c", &format!("{} {arguments}", program.display()), "/dev/null"]);
+    script.env_remove("NO_COLOR").env("TERM", "xterm").envs(variables.iter().copied());
+    match script.stdin(std::process::Stdio::null()).output() {
+        Ok(output) => Some(String::from_utf8_lossy(&output.stdout).replace('\r', "")),
+        Err(error) => {
+            println!("skipped: script, which makes a terminal, cannot be run: {error}");
+            None
+        }
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn settings_have_no_markdown_in_a_terminal_and_errors_have_colours() {
+    let Some(shown) = in_terminal("settings memory", &[]) else { return };
+    assert!(shown.contains("memory.max_votes\n  default: 4\n"), "{shown}");
+    assert!(!shown.contains('|') && !shown.contains('`'), "{shown}");
+    let piped = finish(splatseg().args(["settings", "memory"])).out;
+    assert!(piped.starts_with("## memory"), "{piped}");
+    let error = in_terminal("inspect nowhere", &[]).unwrap_or_default();
+    assert!(error.contains("\u{1b}[31merror:"), "{error:?}");
+    let plain = in_terminal("inspect nowhere", &[("NO_COLOR", "1")]).unwrap_or_default();
+    assert!(plain.contains("error: nowhere") && !plain.contains('\u{1b}'), "{plain:?}");
+}
+
+#[test]
+fn settings_are_printed_as_json() {
+    let ended = finish(splatseg().args(["settings", "--json"]));
+    let settings: Vec<serde_json::Value> = serde_json::from_str(&ended.out).unwrap();
+    let votes = settings.iter().find(|setting| setting["key"] == "memory.max_votes").unwrap();
+    assert_eq!(votes["default"], "4");
+    assert!(votes["help"].as_str().unwrap().contains("votes"), "{votes}");
+    let one = finish(splatseg().args(["settings", "memory.max_votes", "--json"]));
+    assert_eq!(serde_json::from_str::<Vec<serde_json::Value>>(&one.out).unwrap(), [votes.clone()]);
+}

@@ -1,7 +1,9 @@
 //! Reads the scene and dataset settings from the `summary.json` of a run.
 
 use super::EvaluationError;
+use crate::relative_paths::resolved;
 use crate::settings::SettingsLayers;
+use crate::summary::RELATIVE_PATHS;
 use serde_json::Value;
 use splatseg_annotations::AnnotationError;
 use splatseg_dataset::{DatasetSettings, SyntheticSettings};
@@ -15,8 +17,8 @@ const MAX_BYTES: u64 = 16_000_000;
 #[derive(Debug)]
 pub struct RunSummary {
     path: PathBuf,
-    /// The scene as given on the command line.
-    scene: String,
+    /// The scene.
+    pub scene: PathBuf,
     /// Dataset settings of the run.
     pub dataset: DatasetSettings,
 }
@@ -40,7 +42,9 @@ impl RunSummary {
         let bytes = read_file(&path, MAX_BYTES).map_err(|error| wrong(&error))?;
         let summary: Value = serde_json::from_slice(&bytes).map_err(|error| wrong(&error))?;
         let missing = |key: &str| wrong(&format!("expected the key {key}"));
-        let scene = summary.get("scene").and_then(Value::as_str).ok_or_else(|| missing("scene"))?.to_owned();
+        let scene = summary.get("scene").and_then(Value::as_str).ok_or_else(|| missing("scene"))?;
+        let is_relative = summary.get("paths").and_then(Value::as_str) == Some(RELATIVE_PATHS);
+        let scene = if is_relative { resolved(folder, Path::new(scene)) } else { PathBuf::from(scene) };
         if summary.pointer("/settings/dataset").is_none() {
             return Err(missing("settings.dataset"));
         }
@@ -55,12 +59,12 @@ impl RunSummary {
     /// # Errors
     /// If the names of the scenes differ.
     pub fn check_scene(&self, scene: &Path) -> Result<(), EvaluationError> {
-        if is_same_scene(Path::new(&self.scene), scene) {
+        if is_same_scene(&self.scene, scene) {
             return Ok(());
         }
         let problem = format!(
             "the predictions are of the scene {}, not of {}; if these are the same scene, give --allow-other-scene",
-            self.scene,
+            self.scene.display(),
             scene.display()
         );
         Err(AnnotationError::at(&self.path, problem).into())

@@ -5,7 +5,7 @@ use super::query::{AskedSize, Query};
 use super::vocabulary::Vocabulary;
 use serde::Serialize;
 use splatseg_geometry::SegmentId;
-use splatseg_objects::{NameError, Object, ObjectList, ObjectNames, ObjectState};
+use splatseg_objects::{NameError, Object, ObjectList, ObjectNames};
 
 /// Objects whose score is less than this share of the best are left out.
 const MIN_SHARE: f32 = 0.25;
@@ -30,7 +30,8 @@ pub struct FoundObject {
 
 /// Finds the objects that fit a text, best first, equally good ones by id. Labels, their synonyms in the built-in
 /// vocabulary, colour words and words for size need no network. With one, objects with an embedding are also compared with
-/// the text, whatever their labels. Objects that the memory has forgotten are left out.
+/// the text, whatever their labels. Only objects that count are found
+/// ([`Object::counts`]); see also [`ObjectList::with_tentative`].
 ///
 /// # Errors
 /// [`NamesError`] if the embeddings are of another network.
@@ -40,8 +41,9 @@ pub fn find_objects(
     names: &ObjectNames,
     network: Option<&ClipNames>,
 ) -> Result<Vec<FoundObject>, NamesError> {
-    let present = list.objects.iter().filter(|object| object.state != Some(ObjectState::Forgotten));
-    let mut found: Vec<(FoundObject, &Object)> = present
+    let mut found: Vec<(FoundObject, &Object)> = list
+        .objects
+        .iter()
         .map(|object| {
             let (score, by) = (1.0, Vec::new());
             (FoundObject { id: object.id, label: object.label.clone(), score, by }, object)

@@ -16,15 +16,15 @@ use toml::Table;
 choices! {
     /// The methods.
     pub enum MethodName, default FastsamSplat {
-        /// A single-frame segmenter with a splat memory
+        /// A splat memory keeps the ids of any segmenter's masks, not only FastSAM's
         FastsamSplat = "fastsam-splat",
-        /// A single-frame segmenter; ids are passed on by overlap with the previous frame
+        /// Baseline without a memory: the masks of any segmenter get ids by overlap with the previous frame
         Fastsam = "fastsam",
-        /// A single-frame segmenter, prompted with one remembered point per segment
+        /// Baseline without a memory: a segmenter, prompted with one remembered point per object
         Fastspam = "fastspam",
-        /// A tracker, prompted with the detections of a segmenter
+        /// Baseline without a memory: a tracker, prompted with the detections of a segmenter
         Sam2 = "sam2",
-        /// The same, with a splat memory that corrects the tracker
+        /// A tracker with a splat memory that corrects it
         Sam2Splat = "sam2-splat",
     }
 }
@@ -101,6 +101,14 @@ impl MethodSettings {
 
     /// Returns the tracker, if the method has one.
     pub fn tracker(&self) -> Option<&TrackerSettings> {
+        match self {
+            Self::Sam2 { tracker, .. } | Self::Sam2Splat { tracker, .. } => Some(tracker),
+            Self::FastsamSplat(_) | Self::Fastsam(_) | Self::Fastspam(_) => None,
+        }
+    }
+
+    /// As [`Self::tracker`], to be changed.
+    pub(crate) fn tracker_mut(&mut self) -> Option<&mut TrackerSettings> {
         match self {
             Self::Sam2 { tracker, .. } | Self::Sam2Splat { tracker, .. } => Some(tracker),
             Self::FastsamSplat(_) | Self::Fastsam(_) | Self::Fastspam(_) => None,
@@ -187,9 +195,13 @@ pub(crate) trait MethodParts {
 /// The methods that use a tracker.
 pub(crate) const WITH_TRACKER: [&str; 2] = ["sam2", "sam2-splat"];
 
+/// Help of the choice of a method.
+const METHOD_HELP: &str = "How masks get lasting ids. The names are the paper's: `fastsam` in them stands for any segmenter, which \
+     `segmenter` chooses.";
+
 /// Adds the choice of a method.
 pub(crate) fn add_choice(registry: &mut Registry) {
-    registry.add(vec![choice("method", Some(MethodName::default().name()), MethodName::NAMES, "The method.")], &[]);
+    registry.add(vec![choice("method", Some(MethodName::default().name()), MethodName::NAMES, METHOD_HELP)], &[]);
 }
 
 /// Adds the settings of each method.

@@ -6,7 +6,7 @@ use serde::ser::Error as _;
 use serde::{Serialize, Serializer};
 use splatseg_settings::SettingError;
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
 /// A part with its settings. `T` is what is built, e.g. `dyn Segmenter`.
@@ -60,6 +60,11 @@ impl<T: PartKind + ?Sized> PartSettings<T> {
     /// Returns the files and folders that are named for the part.
     pub fn files(&self) -> &PartFiles {
         &self.files
+    }
+
+    /// Replaces the paths of the files and folders.
+    pub(crate) fn change_paths(&mut self, change: &impl Fn(&Path) -> PathBuf) {
+        self.files.0.values_mut().for_each(|path| *path = change(path));
     }
 
     pub(crate) fn validate(&self) -> Result<(), SettingError> {

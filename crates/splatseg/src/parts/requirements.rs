@@ -12,6 +12,16 @@ pub struct Entry {
     pub needs: Vec<Requirement>,
 }
 
+/// The values of settings that name a file or folder.
+const PATH: &str = "a path";
+
+impl Entry {
+    /// Returns true if the setting names a file or folder.
+    pub fn names_a_file(&self) -> bool {
+        matches!(self.field.allowed, Allowed::Text(PATH))
+    }
+}
+
 /// A requirement for using a setting.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Requirement {
@@ -128,7 +138,7 @@ pub(crate) fn file(name: &'static str, help: &str) -> Field {
         section: "",
         name,
         default: None,
-        allowed: Allowed::Text("a path"),
+        allowed: Allowed::Text(PATH),
         whole: false,
         is_text_of: |_| true,
         help: help.to_owned(),

@@ -7,6 +7,7 @@ use super::{Pipeline, PipelineError};
 use crate::parts::{LoadedNetworks, MethodName, MethodParts, PartContext, TrackerSettings};
 use crate::settings::Settings;
 use splatseg_dataset::Scene;
+use splatseg_geometry::SegmentId;
 use splatseg_kernels::Instructions;
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_objects::{KeptViews, ObjectLog};
@@ -32,6 +33,7 @@ pub struct PipelineBuilder<'a> {
     keyframes: Option<Vec<u8>>,
     networks: Arc<LoadedNetworks>,
     objects: ObjectLog,
+    earlier_ids: Option<SegmentId>,
     names: KeptNames,
     progress: Box<dyn FnMut(f32) + 'a>,
 }
@@ -58,6 +60,7 @@ impl<'a> PipelineBuilder<'a> {
             keyframes: None,
             networks: Arc::default(),
             objects: ObjectLog::default(),
+            earlier_ids: None,
             names: KeptNames::default(),
             progress: Box::new(|_| {}),
         }
@@ -135,6 +138,13 @@ impl<'a> PipelineBuilder<'a> {
         self
     }
 
+    /// The largest id in use before the first frame of the run that this one resumes: [`Pipeline::earlier_ids`].
+    #[must_use]
+    pub fn earlier_ids(mut self, highest: SegmentId) -> Self {
+        self.earlier_ids = Some(highest);
+        self
+    }
+
     /// Keeps the best view of each object, for [`Pipeline::name_objects`]: at most 224 × 224 pixels each, and 64 MiB in all.
     #[must_use]
     pub fn keep_views(mut self) -> Self {
@@ -198,6 +208,8 @@ impl<'a> PipelineBuilder<'a> {
             pipeline.turn = pipeline.rotate.turn().unwrap_or_else(|| pipeline.poses.turn());
         }
         pipeline.objects = self.objects;
+        let highest = pipeline.memory().map_or(0, SplatMemory::highest_id);
+        pipeline.earlier_ids = self.earlier_ids.unwrap_or(highest);
         pipeline.names = self.names;
         Ok(pipeline)
     }

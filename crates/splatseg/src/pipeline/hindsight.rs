@@ -2,7 +2,9 @@
 
 use super::stages::in_thread_pool;
 use super::{Pipeline, ReducedHindsight};
+use splatseg_geometry::SegmentId;
 use splatseg_objects::ObjectLog;
+use std::collections::BTreeSet;
 
 impl Pipeline {
     /// Decides from all frames so far which parts of the map are one object, if the segmenter gives affinities; see
@@ -30,8 +32,22 @@ impl Pipeline {
         Some(ReducedHindsight { hindsight: self.method.hindsight()?, resolution: self.resolution })
     }
 
-    /// Replaces the log of objects by that of the frames as they were decided again.
+    /// Replaces the log of objects by that of the frames as they were decided again. The map's states follow: an object
+    /// that fewer than two frames show in the end is tentative.
     pub fn set_objects(&mut self, objects: ObjectLog) {
-        self.objects = objects;
+        let before = std::mem::replace(&mut self.objects, objects);
+        let frames = |log: &ObjectLog, id| log.records().get(&id).map_or(0, |record| record.frames);
+        let ids: BTreeSet<SegmentId> = before.records().keys().chain(self.objects.records().keys()).copied().collect();
+        let count = |frames| u32::try_from(frames).unwrap_or(u32::MAX);
+        for id in ids {
+            // The memory also counts frames for which it decided otherwise, so that it may have more.
+            let before = if id > self.earlier_ids { u32::MAX } else { count(frames(&before, id)) };
+            self.method.recount_sightings(id, before, count(frames(&self.objects, id)));
+        }
+    }
+
+    /// The largest id in use before the first frame: that of a saved memory, 0 without one.
+    pub fn earlier_ids(&self) -> SegmentId {
+        self.earlier_ids
     }
 }

@@ -61,17 +61,17 @@ impl Pipeline {
         if to_name.is_empty() {
             return Ok(0);
         }
-        let objects = self.object_list().objects;
+        let list = self.object_list();
         let present = self.present();
         let KeptNames { names, views, .. } = &mut self.names;
         // Bounds the names of an endless stream: the log forgets objects too.
-        names.keep_only(&objects.iter().map(|object| object.id).collect());
+        names.keep_only(&list.all().map(|object| object.id).collect());
         if let Some(present) = present {
             names.keep_embeddings_of(&present);
         }
         let views = views.as_ref().ok_or(NameObjectsError::NoViews)?;
         let mut calls = 0;
-        for object in objects.iter().filter(|object| object.state != Some(ObjectState::Forgotten)) {
+        for object in list.all().filter(|object| object.state != Some(ObjectState::Forgotten)) {
             let id = object.id;
             let Some((view, score)) = views.view(id).filter(|_| to_name.contains(&id)) else { continue };
             let name = namer(ObjectToName { object, view }).map_err(|source| NameObjectsError::Namer { id, source })?;

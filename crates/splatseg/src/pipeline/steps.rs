@@ -5,7 +5,7 @@ use super::stage_times::StageClock;
 use super::stages::{Decided, Placed, in_thread_pool, process, segment, timed};
 use super::working_resolution::{WorkingFrame, WorkingResolution};
 use super::{FrameResult, PipelineError, Rotate};
-use splatseg_geometry::{CameraFrame, KeyframeId, MapView, Pose, QuarterTurn, RemappedId, RgbdFrame};
+use splatseg_geometry::{CameraFrame, KeyframeId, MapView, Pose, QuarterTurn, RemappedId, RgbdFrame, SegmentId};
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
 use splatseg_objects::ObjectLog;
 use splatseg_odometry::{
@@ -29,6 +29,8 @@ pub struct Pipeline {
     pub(super) turn: QuarterTurn,
     pub(super) clock: StageClock,
     pub(super) objects: ObjectLog,
+    /// The largest id in use before the first frame.
+    pub(super) earlier_ids: SegmentId,
     pub(super) names: KeptNames,
     /// Corrected poses of earlier frames that the source of poses gets with the next frame.
     corrected: BTreeMap<usize, Pose>,
@@ -56,6 +58,7 @@ impl Pipeline {
             turn: QuarterTurn::None,
             clock: StageClock::new(),
             objects: ObjectLog::default(),
+            earlier_ids: 0,
             names: KeptNames::default(),
             corrected: BTreeMap::new(),
             unreported: Unreported::default(),

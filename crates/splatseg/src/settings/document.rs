@@ -2,6 +2,7 @@
 
 use super::table::nearest_key;
 use super::{Entry, MethodPreset, entries};
+use serde::Serialize;
 use std::fmt::Write as _;
 
 const INTRODUCTION: &str = "# Settings
@@ -18,12 +19,100 @@ pub fn markdown() -> String {
     format!("{INTRODUCTION}{}", tables(&entries()))
 }
 
-/// Describes the settings that `name` selects. Tries in order: the setting with this key, the section, all settings
+/// A setting in words, for programs.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DescribedSetting {
+    /// Its full key.
+    pub key: String,
+    /// Its default as in TOML; `None` if it has none.
+    pub default: Option<String>,
+    /// Its default with `method_preset = "paper"`, if that differs.
+    pub paper_default: Option<String>,
+    /// The allowed values, in words.
+    pub allowed: String,
+    /// The choices without which it is not used; empty for settings that are always used.
+    pub used_with: Vec<String>,
+    /// What it does.
+    pub help: String,
+}
+
+impl DescribedSetting {
+    fn new(entry: &Entry) -> Self {
+        let key = entry.field.key();
+        Self {
+            default: entry.field.default.clone(),
+            paper_default: MethodPreset::Paper.default_of(&key).map(|value| value.to_string()),
+            allowed: allowed(entry),
+            used_with: entry.needs.iter().map(ToString::to_string).collect(),
+            help: entry.field.help.clone(),
+            key,
+        }
+    }
+
+    /// A few lines, without Markdown, at most `width` characters wide if words allow it.
+    fn text(&self, width: usize) -> String {
+        let default = self.default.as_deref().unwrap_or("none");
+        let paper = self.paper_default.as_ref().map(|value| format!(" (method_preset = paper: {value})"));
+        let used_with = if self.used_with.is_empty() { "everything".to_owned() } else { self.used_with.join("; ") };
+        let lines = [
+            format!("default: {default}{}", paper.unwrap_or_default()),
+            format!("allowed: {}", self.allowed),
+            format!("used with: {used_with}"),
+            self.help.replace('`', ""),
+        ];
+        let lines = lines.iter().flat_map(|line| wrapped(line, width.saturating_sub(INDENT.len())));
+        lines.fold(format!("{}\n", self.key), |text, line| format!("{text}{INDENT}{line}\n"))
+    }
+}
+
+/// Before each line about a setting, except its key.
+const INDENT: &str = "  ";
+
+/// Breaks a line between words.
+fn wrapped(line: &str, width: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in line.split_whitespace() {
+        match lines.last_mut() {
+            Some(last) if last.is_empty() => last.push_str(word),
+            Some(last) if last.chars().count() + 1 + word.chars().count() <= width => *last += &format!(" {word}"),
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
+/// Returns the settings that `name` selects, or all. Tries in order: the setting with this key, the section, all settings
 /// with this name in any section, all settings whose key contains it.
 ///
 /// # Errors
 /// If there are none: the most similar key, if one is similar enough.
+pub fn described_settings(name: Option<&str>) -> Result<Vec<DescribedSetting>, Option<String>> {
+    let selected = name.map_or_else(|| Ok(entries()), selected)?;
+    Ok(selected.iter().map(DescribedSetting::new).collect())
+}
+
+/// Returns the settings that `name` selects, or all, as text without Markdown, at most `width` characters wide if words
+/// allow it.
+///
+/// # Errors
+/// As [`described_settings`].
+pub fn settings_text(name: Option<&str>, width: usize) -> Result<String, Option<String>> {
+    let settings: Vec<String> = described_settings(name)?.iter().map(|setting| setting.text(width)).collect();
+    Ok(settings.join("\n"))
+}
+
+/// Returns the settings that `name` selects as Markdown; one setting as a few lines of text.
+///
+/// # Errors
+/// As [`described_settings`].
 pub fn describe_settings(name: &str) -> Result<String, Option<String>> {
+    Ok(match selected(name)?.as_slice() {
+        [one] => DescribedSetting::new(one).text(usize::MAX),
+        several => tables(several).trim_start().to_owned(),
+    })
+}
+
+fn selected(name: &str) -> Result<Vec<Entry>, Option<String>> {
     let section = format!("{name}.");
     let has_name: [&dyn Fn(&str) -> bool; 4] =
         [&|key| key == name, &|key| key.starts_with(&section), &|key| key.rsplit('.').next() == Some(name), &|key| {
@@ -32,22 +121,11 @@ pub fn describe_settings(name: &str) -> Result<String, Option<String>> {
     let entries = entries();
     for has_name in has_name {
         let selected: Vec<Entry> = entries.iter().filter(|entry| has_name(&entry.field.key())).cloned().collect();
-        match selected.as_slice() {
-            [] => {}
-            [one] => return Ok(block(one)),
-            several => return Ok(tables(several).trim_start().to_owned()),
+        if !selected.is_empty() {
+            return Ok(selected);
         }
     }
     Err(nearest_key(name, entries.iter().map(|entry| entry.field.key())))
-}
-
-/// Describes one setting in a few lines.
-fn block(entry: &Entry) -> String {
-    let default = entry.field.default.as_deref().unwrap_or("none");
-    let paper = MethodPreset::Paper.default_of(&entry.field.key());
-    let paper = paper.map(|value| format!(" (method_preset = paper: {value})")).unwrap_or_default();
-    let (key, allowed, needs, help) = (entry.field.key(), allowed(entry), needs(entry), &entry.field.help);
-    format!("{key}\n  default: {default}{paper}\n  allowed: {allowed}\n  used with: {needs}\n  {help}\n")
 }
 
 /// Returns a Markdown table for each section.

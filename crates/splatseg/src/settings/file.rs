@@ -1,6 +1,8 @@
 //! Reads settings from TOML files and from `summary.json`.
 
-use super::SettingsError;
+use super::{SettingsError, entries};
+use crate::relative_paths::resolved;
+use crate::summary::RELATIVE_PATHS;
 use splatseg_files::{is_number_with_comma, read_file, text_of};
 use splatseg_settings::Allowed;
 use std::collections::BTreeMap;
@@ -36,7 +38,7 @@ impl SettingsFile {
         if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("json")) {
             let document =
                 serde_json::from_str(&text).map_err(|error| syntax(None, &format!("is not JSON: {error}")))?;
-            return from_summary(document).map_err(|message| syntax(None, &message));
+            return from_summary(document, path).map_err(|message| syntax(None, &message));
         }
         let line_of = |offset: usize| text.bytes().take(offset).filter(|byte| *byte == b'\n').count() + 1;
         let toml_error = |error: &toml::de::Error| {
@@ -76,12 +78,32 @@ fn collect_lines(
     }
 }
 
-/// Returns the settings in a summary. Without a key `settings`, the document itself is the settings.
-fn from_summary(mut document: serde_json::Value) -> Result<SettingsFile, String> {
+/// Returns the settings in a summary, which was read from `path`. Without a key `settings`, the document itself is the
+/// settings.
+fn from_summary(mut document: serde_json::Value, path: &Path) -> Result<SettingsFile, String> {
+    let folder =
+        path.parent().filter(|_| document.get("paths").and_then(|paths| paths.as_str()) == Some(RELATIVE_PATHS));
     let settings = document.get_mut("settings").map(serde_json::Value::take).unwrap_or(document);
     match from_json(settings)? {
-        Some(Value::Table(table)) => Ok(SettingsFile { table, lines: BTreeMap::new() }),
+        Some(Value::Table(mut table)) => {
+            if let Some(folder) = folder {
+                resolve_paths(&mut table, folder);
+            }
+            Ok(SettingsFile { table, lines: BTreeMap::new() })
+        }
         _ => Err("expected the settings of a summary.json".to_owned()),
+    }
+}
+
+/// Resolves the paths of files and folders, which are relative to `folder`.
+fn resolve_paths(table: &mut Table, folder: &Path) {
+    let entries = entries();
+    for entry in entries.iter().filter(|entry| entry.names_a_file()) {
+        if let Some(Value::String(path)) = table.get_mut(entry.field.name)
+            && let Some(found) = resolved(folder, Path::new(path)).to_str()
+        {
+            *path = found.to_owned();
+        }
     }
 }
 

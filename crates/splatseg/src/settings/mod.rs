@@ -24,7 +24,7 @@ pub use crate::parts::{
     ChosenValues, Entry, MaskFolderSettings, MethodName, MethodSettings, MissingFile, NamerSettings, RegisterError,
     Requirement, SegmenterSettings, SettingsInput, TrackerSettings,
 };
-pub use document::{describe_settings, markdown};
+pub use document::{DescribedSetting, describe_settings, described_settings, markdown, settings_text};
 pub use error::SettingsError;
 pub use layers::SettingsLayers;
 pub use preset::MethodPreset;

@@ -372,6 +372,10 @@ impl Method for FastSamSplat {
         self.memory.keep_verdicts();
     }
 
+    fn recount_sightings(&mut self, id: SegmentId, before: u32, after: u32) {
+        self.memory.recount_sightings(id, before, after);
+    }
+
     fn hindsight(&self) -> Option<&dyn Hindsight> {
         self.memory.rules().judges_predictions.then_some(self as &dyn Hindsight)
     }

@@ -86,6 +86,9 @@ pub trait Method: Send {
     /// Counts what was decided for good; see [`SplatMemory::keep_verdicts`].
     fn keep_verdicts(&mut self) {}
 
+    /// Counts the frames that show an id again; see [`SplatMemory::recount_sightings`].
+    fn recount_sightings(&mut self, _id: SegmentId, _before: u32, _after: u32) {}
+
     /// The map, if the method has one.
     fn map(&self) -> Option<MapView<'_>> {
         self.memory().map(SplatMemory::map)
