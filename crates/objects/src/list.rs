@@ -119,6 +119,26 @@ pub struct BestView {
     pub crop: Option<String>,
 }
 
+impl Object {
+    /// An object of which only the id is known.
+    pub fn unknown(id: SegmentId) -> Self {
+        Self {
+            id,
+            label: None,
+            label_score: None,
+            label_alternatives: Vec::new(),
+            state: None,
+            frames: 0,
+            first_frame: None,
+            last_frame: None,
+            confidence: None,
+            color: None,
+            shape: None,
+            best_view: None,
+        }
+    }
+}
+
 impl ObjectList {
     /// The value of the key `format`.
     pub const FORMAT: &'static str = "splatseg-objects";
@@ -138,18 +158,13 @@ impl ObjectList {
             let record = log.records().get(&id);
             let shape = shapes.remove(&id);
             Object {
-                id,
-                label: None,
-                label_score: None,
-                label_alternatives: Vec::new(),
                 state: map.zip(carried.as_ref()).map(|(map, carried)| state_of(id, &map, carried)),
                 frames: record.map_or(0, |record| record.frames),
                 first_frame: record.map(|record| stamp(record.first_frame)),
                 last_frame: record.map(|record| stamp(record.last_frame)),
-                confidence: None,
                 color: shape.as_ref().map(|shape| shape.color),
                 shape,
-                best_view: None,
+                ..Object::unknown(id)
             }
         };
         Self {
