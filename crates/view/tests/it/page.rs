@@ -1,14 +1,15 @@
 //! The messages of the page, as its script reads them.
 
-use crate::client::{WebSocket, frame, pose_at, start, wait_until};
+use crate::client::{TEXT, WebSocket, frame, pose_at, start, wait_until};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 use splatseg_geometry::SegmentId;
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_test_scenes::recording;
-use splatseg_view::{ViewFrame, ViewLimits, ViewServer};
+use splatseg_view::{ViewAnswer, ViewFrame, ViewLimits, ViewRequest, ViewServer};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 fn number(value: &Value) -> usize {
@@ -180,4 +181,34 @@ fn notes_come_without_frames() {
     wait_until("the note comes", || {
         page.page_message("status").unwrap().0["notes"] == serde_json::json!(["the map is not saved"])
     });
+}
+
+#[test]
+fn viewers_find_objects_and_name_them_if_the_program_answers() {
+    let server = start(ViewLimits::default());
+    let mut deaf = watched(&server);
+    assert_eq!(deaf.page_message("hello").unwrap().0["answers"], json!(false));
+    server.answer_with(Arc::new(|request| match request {
+        ViewRequest::Find(text) if text == "mug" => Ok(ViewAnswer::Found(vec![(7, 0.5), (3, 0.25)])),
+        ViewRequest::Find(_) => Err("no names".to_owned()),
+        ViewRequest::Name(..) => Ok(ViewAnswer::Named),
+    }));
+    let mut page = watched(&server);
+    assert_eq!(page.page_message("hello").unwrap().0["answers"], json!(true));
+    let mut ask = |text: &str, kind: &str| {
+        page.send(TEXT, text.as_bytes());
+        page.page_message(kind).unwrap().0
+    };
+    let found = ask(r#"{"ask": "find", "text": "mug"}"#, "found");
+    assert_eq!(found["objects"], json!([{ "id": 7, "score": 0.5 }, { "id": 3, "score": 0.25 }]));
+    assert_eq!((&found["text"], &found["error"]), (&json!("mug"), &json!(null)));
+    assert_eq!(ask(r#"{"ask": "find", "text": "x"}"#, "found")["error"], json!("no names"));
+    let named = ask(r#"{"ask": "name", "id": 7, "label": "mug"}"#, "named");
+    assert_eq!((&named["id"], &named["label"], &named["error"]), (&json!(7), &json!("mug"), &json!(null)));
+    // Nonsense is counted, and ends nothing.
+    let before = server.counts().bad_messages;
+    page.send(TEXT, br#"{"ask": "stop"}"#);
+    wait_until("nonsense is counted", || server.counts().bad_messages > before);
+    page.send(TEXT, br#"{"ask": "find", "text": "mug"}"#);
+    assert!(page.page_message("found").is_some());
 }
