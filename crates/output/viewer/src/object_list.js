@@ -17,6 +17,8 @@ export class ObjectList {
   #present = document.getElementById("present");
   #rows = new Map();
   #ids = new Set();
+  /** The objects that the program has found for the text of the filter. */
+  #found = new Set();
   #selected = 0;
   #onPick;
 
@@ -56,6 +58,12 @@ export class ObjectList {
     this.#show();
   }
 
+  /** Shows these objects besides those that the filter finds. */
+  showFound(ids) {
+    this.#found = new Set(ids);
+    this.#show();
+  }
+
   /** Highlights an object, or none, and scrolls to it. */
   mark(id) {
     this.#button(this.#selected)?.setAttribute("aria-pressed", "false");
@@ -81,7 +89,7 @@ export class ObjectList {
     const wanted = this.#filter.value.trim().replace(/^#/, "").toLowerCase();
     let shown = 0;
     for (const { id, label } of this.#objects) {
-      const found = String(id).startsWith(wanted) || (label ?? "").toLowerCase().includes(wanted);
+      const found = String(id).startsWith(wanted) || (label ?? "").toLowerCase().includes(wanted) || this.#found.has(id);
       const here = this.#ids.has(id);
       // The selected object stays in the list while the video moves on.
       const visible = found && (here || !this.#present.checked || id === this.#selected);
