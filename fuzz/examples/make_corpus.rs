@@ -45,6 +45,7 @@ fn main() -> std::io::Result<()> {
         "a.weight":{"dtype":"F32","shape":[2,1],"data_offsets":[0,8]},
         "b":{"dtype":"BF16","shape":[3],"data_offsets":[8,14]}}"#;
     write(folder, "safetensors", &[files::safetensors_file(header, &[1; 14])])?;
+    write(folder, "tokenizer", &[b"the cat's 3 mugs, isn't it? <end_of_text>".to_vec(), b"a b</w>\nl o\nlo w</w>\n".to_vec()])?;
     let saved = |kind| sample::saved(&sample::sample(kind, 3));
     let (evidence, features) = (saved(MemoryKind::Evidence), saved(MemoryKind::Features));
     write(folder, "ply", &[with_choice(0, &evidence), with_choice(128, &evidence), with_choice(129, &features)])?;

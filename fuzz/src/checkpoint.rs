@@ -1,6 +1,7 @@
 //! Reading everything of a checkpoint.
 
 use splatseg_models::checkpoint::Checkpoint;
+use splatseg_models::clip::ClipNetwork;
 use splatseg_models::completeness::missing_tensors;
 use splatseg_models::fastsam::FastSamConfig;
 use std::path::Path;
@@ -17,4 +18,5 @@ pub fn read_checkpoint(path: &Path, bytes: usize) {
     let _ = checkpoint.architecture().to_string();
     let _ = missing_tensors(&checkpoint);
     let _ = FastSamConfig::from_checkpoint(&checkpoint);
+    let _ = ClipNetwork::load(&checkpoint);
 }

@@ -8,6 +8,7 @@ mod command;
 mod errors;
 mod evaluation;
 mod live;
+mod names;
 mod pictures;
 mod pipeline;
 mod sam2;
@@ -26,6 +27,8 @@ mod _splatseg {
     use super::evaluation::evaluate;
     #[pymodule_export]
     use super::live::Live;
+    #[pymodule_export]
+    use super::names::Names;
     #[pymodule_export]
     use super::pictures::{overlay_png, segment_color};
     #[pymodule_export]

@@ -4,6 +4,7 @@ use crate::arrays::{
     color_image, depth_image, id_image, numbers, to_array, to_color_array, to_masks, to_plain_array, to_rows,
 };
 use crate::errors::{runtime_error, value_error};
+use crate::names::Names;
 use crate::segmenter::{PythonSegmenter, SharedCallable};
 use crate::settings::{add_file, layers, resolve, settings_error};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
@@ -13,6 +14,7 @@ use pyo3::pyclass::{PyTraverseError, PyVisit};
 use pyo3::types::PyDict;
 use rayon::ThreadPool;
 use splatseg::geometry::{MapView, PoseFormat};
+use splatseg::names::{ClipNames, Query, find_objects};
 use splatseg::objects::{FrameStamp, ObjectName, SeenObjects};
 use splatseg::odometry::PoseState;
 use splatseg::pipeline::{FrameResult, NameObjectsError, ObjectToName, PipelineError};
@@ -23,7 +25,7 @@ use splatseg_files::MemoryLimit;
 use std::error::Error;
 use std::ffi::CString;
 use std::path::PathBuf;
-use std::sync::{Mutex, MutexGuard, TryLockError};
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 use std::time::{Duration, Instant};
 
 /// A method, its segmenter and its memory.
@@ -41,6 +43,8 @@ pub struct Pipeline {
 
 struct State {
     pipeline: splatseg::Pipeline,
+    /// The network that objects were named with, if it was not one of the settings.
+    network: Option<Arc<ClipNames>>,
     seen: SeenObjects,
     frames: usize,
 }
@@ -108,7 +112,7 @@ impl Pipeline {
         let pipeline = pipeline.map_err(value_error)?;
         let pose_format = settings.dataset.pose_format();
         let settings = serde_json::to_string(&settings).map_err(runtime_error)?;
-        let state = Mutex::new(State { pipeline, seen: SeenObjects::default(), frames: 0 });
+        let state = Mutex::new(State { pipeline, network: None, seen: SeenObjects::default(), frames: 0 });
         Ok(Self { state, threads, settings, segmenter, pose_format })
     }
 
@@ -226,6 +230,15 @@ impl Pipeline {
         })
     }
 
+    /// Names objects with a network; returns for how many it was asked. Texts are then compared with it, too.
+    fn name_with_network(&self, py: Python<'_>, names: &Names) -> PyResult<usize> {
+        let mut guard = self.lock()?;
+        let state = &mut *guard;
+        let mut network = Arc::clone(&names.0);
+        state.network = Some(Arc::clone(&network));
+        py.detach(|| in_pool(self.threads.as_ref(), || state.pipeline.name_with(&mut network))).map_err(value_error)
+    }
+
     /// Names objects with the namer of the settings; returns for how many it was asked.
     fn finish_names(&self, py: Python<'_>) -> PyResult<usize> {
         let mut guard = self.lock()?;
@@ -244,9 +257,16 @@ impl Pipeline {
         self.lock()?.pipeline.find(&embedding.as_array().to_vec()).map_err(value_error)
     }
 
-    /// The objects whose label contains a text.
-    fn find_label(&self, text: &str) -> PyResult<Vec<SegmentId>> {
-        Ok(self.lock()?.pipeline.find_label(text))
+    /// The objects that fit a text, with how well they do.
+    fn find_text(&self, py: Python<'_>, text: &str) -> PyResult<Vec<(SegmentId, f32)>> {
+        let mut guard = self.lock()?;
+        let state = &mut *guard;
+        let found = py.detach(|| {
+            let network = state.network.clone().or_else(|| state.pipeline.names_network());
+            let list = state.pipeline.object_list();
+            find_objects(&Query::new(text), &list, state.pipeline.names(), network.as_deref())
+        });
+        Ok(found.map_err(value_error)?.into_iter().map(|found| (found.id, found.score)).collect())
     }
 
     /// Drops all names.
@@ -405,7 +425,7 @@ fn step_result(
 fn name_of(
     py: Python<'_>,
     callable: &Py<PyAny>,
-    ObjectToName { object, view }: ObjectToName<'_>,
+    ObjectToName { object, view, .. }: ObjectToName<'_>,
 ) -> PyResult<ObjectName> {
     let size = view.image.size();
     let rgb = to_color_array(py, view.image.pixels(), size)?;

@@ -19,7 +19,7 @@ mod predictions;
 mod trajectory_file;
 
 pub use choice::PredictionChoice;
-pub use coco::{CocoImage, CocoWriter, EncodedMask, MaskFileError, read_mask_file};
+pub use coco::{CocoImage, CocoLabel, CocoWriter, EncodedMask, MaskFileError, read_mask_file};
 pub use error::{AnnotationError, WriteIdsError};
 pub use frames::SelectedFrames;
 pub use id_image::write_segments_png;

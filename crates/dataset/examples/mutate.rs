@@ -9,6 +9,8 @@
 //! still were scenes, and the longest time of one. Inputs that panic, or take more than five seconds, are failures: they are
 //! kept in `target/mutated`, and the exit code is 1. Limit memory with `ulimit -v`.
 
+#[path = "../../../fuzz/src/changes.rs"]
+mod changes;
 #[allow(dead_code)] // The fuzz targets use more of it.
 #[path = "../../../fuzz/src/place.rs"]
 mod place;
@@ -18,6 +20,7 @@ mod scenes;
 #[path = "../tests/it/support/mod.rs"]
 mod support;
 
+use changes::{Random, change_places};
 use place::Place;
 use splatseg_dataset::{DatasetSettings, open_scene};
 use std::fs;
@@ -48,62 +51,7 @@ const READERS: [Reader; 17] = [
     ("scannet", scenes::scannet, &[""]),
     ("replica", scenes::replica, &[""]),
 ];
-const MAX_CHANGES: u64 = 8;
 const TOO_LONG: Duration = Duration::from_secs(5);
-/// Numbers at which readers go wrong, if anywhere.
-const NUMBERS: [u64; 12] =
-    [0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0x8000, 0xFFFF, 0x7FFF_FFFF, 0x8000_0000, 0xFFFF_FFFF, u64::MAX];
-
-/// A generator of numbers (SplitMix64): the same on every machine.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        mixed ^ (mixed >> 31)
-    }
-
-    fn below(&mut self, end: usize) -> usize {
-        (self.next() % end.max(1) as u64) as usize
-    }
-}
-
-/// Changes bytes in one way.
-fn change(bytes: &mut Vec<u8>, random: &mut Random) {
-    let at = random.below(bytes.len());
-    let length = 1 + random.below(32).min(bytes.len().saturating_sub(at));
-    let end = (at + length).min(bytes.len());
-    match random.below(8) {
-        _ if bytes.is_empty() => bytes.push(random.next() as u8),
-        0 => bytes[at] ^= 1 << random.below(8),
-        1 => bytes[at] = random.next() as u8,
-        2 | 3 => {
-            let number = NUMBERS[random.below(NUMBERS.len())];
-            let width = 1 << random.below(4);
-            let digits = if random.below(2) == 0 { number.to_le_bytes() } else { number.to_be_bytes() };
-            let digits = if digits[0] == 0 && number > 0 { &digits[8 - width..] } else { &digits[..width] };
-            bytes.iter_mut().skip(at).zip(digits).for_each(|(byte, digit)| *byte = *digit);
-        }
-        4 => _ = bytes.drain(at..end),
-        5 => {
-            let part = bytes[at..end].to_vec();
-            let to = random.below(bytes.len());
-            bytes.splice(to..to, part);
-        }
-        6 => {
-            let digits = [&b"-1"[..], b"1e99", b"nan", b"99999999999", b"\"", b"\0", b"\n", b"{"][random.below(8)];
-            bytes.splice(at..at, digits.iter().copied());
-        }
-        _ if random.below(4) == 0 => bytes.truncate(at),
-        _ => {
-            let from = random.below(bytes.len());
-            let part: Vec<u8> = bytes[from..].iter().copied().take(end - at).collect();
-            bytes.iter_mut().skip(at).zip(part).for_each(|(byte, other)| *byte = other);
-        }
-    }
-}
 
 /// Reads everything of a scene. Whatever is wrong with it must come back as an error. Returns true if it is one.
 fn read(path: &Path) -> bool {
@@ -138,9 +86,7 @@ fn mutate((name, template, parts): Reader, time: Duration) -> Found {
     while started.elapsed() < time {
         let (index, scene) = &files[random.below(files.len())];
         let mut bytes = place.files()[*index].1.clone();
-        for _ in 0..=random.next() % MAX_CHANGES {
-            change(&mut bytes, &mut random);
-        }
+        change_places(&mut bytes, &mut random);
         let mut is_scene = None;
         let before = Instant::now();
         place.with_file(*index, &bytes, || is_scene = catch_unwind(AssertUnwindSafe(|| read(scene))).ok());

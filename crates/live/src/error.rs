@@ -35,6 +35,9 @@ pub enum LiveError {
         /// The error of saving.
         saved: Box<LiveError>,
     },
+    /// An object cannot be given a label.
+    #[error("{0}")]
+    Name(String),
     /// There is no file for the map.
     #[error("no file for the map is set")]
     NoFile,

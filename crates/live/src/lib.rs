@@ -19,6 +19,7 @@ mod session;
 mod status;
 mod stream;
 mod view_outlet;
+mod words;
 
 pub use error::LiveError;
 pub use latest_times::LatestTimes;
@@ -29,6 +30,7 @@ pub use session::{BuildPipeline, LiveOptions, LiveSession, build_with};
 pub use status::{LiveStatus, SaveStatus};
 pub use stream::LiveStream;
 pub use view_outlet::ViewOutlet;
+pub use words::LiveWords;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -1,6 +1,6 @@
 //! Where the results of a session go.
 
-use crate::LiveStatus;
+use crate::{LiveStatus, Requests};
 use splatseg::Pipeline;
 use splatseg::pipeline::FrameResult;
 use splatseg_geometry::{Image as Pixels, Intrinsics};
@@ -100,6 +100,9 @@ pub trait Outlet: Send {
     /// Publishes a message in CDR.
     fn publish(&mut self, output: Output, message: Vec<u8>);
 
+    /// Receives the requests of the session, e.g. to pass on those of viewers. Called once, before the first frame.
+    fn accept(&mut self, _requests: &Requests) {}
+
     /// Shows the state of the session, about once a second.
     fn show(&mut self, status: &LiveStatus);
 
@@ -144,6 +147,10 @@ impl Outlet for Vec<Box<dyn Outlet>> {
         for outlet in self.iter_mut().filter(|outlet| outlet.wants(output)) {
             outlet.publish(output, message.clone());
         }
+    }
+
+    fn accept(&mut self, requests: &Requests) {
+        self.iter_mut().for_each(|outlet| outlet.accept(requests));
     }
 
     fn show(&mut self, status: &LiveStatus) {

@@ -1,6 +1,7 @@
 //! Requests to a running session, from other threads.
 
 use crate::LiveSession;
+use splatseg_geometry::SegmentId;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
@@ -19,6 +20,8 @@ pub enum LiveRequest {
     Load(Option<PathBuf>),
     /// Forget everything.
     Reset,
+    /// Give an object the label of a person, or take its label away.
+    Name(SegmentId, Option<String>),
     /// Pause (`true`) or go on.
     Pause(bool),
 }

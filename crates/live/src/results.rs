@@ -35,7 +35,7 @@ impl Results {
     }
 
     /// The world frame; `world` if the stream names none.
-    fn world(&self) -> &str {
+    pub(crate) fn world(&self) -> &str {
         self.frames.world.as_deref().unwrap_or(WORLD)
     }
 
@@ -92,7 +92,7 @@ impl Results {
                 list.all().filter_map(|object| ShownObject::new(nanoseconds, object)).collect();
             let ids: BTreeSet<SegmentId> = shown.iter().map(|object| object.id).collect();
             let mut message = markers(&shown, &self.marked.difference(&ids).copied().collect::<Vec<_>>());
-            let header = Header { stamp: time(stamp), frame_id: self.world().to_owned() };
+            let header = header(stamp, self.world());
             message.markers.iter_mut().for_each(|marker| marker.header = header.clone());
             send(outlet, Output::Markers, to_cdr(&message));
             self.marked = ids;
@@ -105,7 +105,7 @@ impl Results {
         stamp: Duration,
         objects: impl Iterator<Item = &'a Object>,
     ) -> Detection3dArray {
-        detections(&Header { stamp: time(stamp), frame_id: self.world().to_owned() }, objects)
+        detections(&header(stamp, self.world()), objects)
     }
 
     /// Publishes the map as points.
@@ -116,6 +116,11 @@ impl Results {
             send(outlet, Output::Points, to_cdr(&message));
         }
     }
+}
+
+/// The header of messages about the map.
+pub(crate) fn header(stamp: Duration, world: &str) -> Header {
+    Header { stamp: time(stamp), frame_id: world.to_owned() }
 }
 
 fn time(stamp: Duration) -> Time {

@@ -4,13 +4,14 @@ use crate::latest_times::LatestTimes;
 use crate::requests::PendingRequest;
 use crate::results::{Results, send};
 use crate::saved_map::objects;
+use crate::words::LiveWords;
 use crate::{
     LiveError, LiveFrame, LiveRequest, LiveStatus, LiveStream, Outlet, Output, Requests, SaveStatus, SavedMap,
 };
 use splatseg::pipeline::{FrameResult, LateFrame, LoadedNetworks, PipelineError, WaitingFrames};
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{StreamedFrame, UndecodedFrame};
-use splatseg_geometry::{CameraFrame, Image, Intrinsics};
+use splatseg_geometry::{CameraFrame, Image, Intrinsics, SegmentId};
 use splatseg_objects::{FrameStamp, Object, ObjectCounts, ObjectList, SeenObjects};
 use splatseg_ros::{Detection3dArray, Header, Time, to_cdr};
 use std::path::Path;
@@ -73,6 +74,14 @@ pub fn build_with(settings: Settings) -> BuildPipeline {
     })
 }
 
+/// A pipeline whose namer, if it has a slow one, works beside the frames.
+fn started(mut pipeline: Pipeline) -> Pipeline {
+    if let Err(error) = pipeline.name_beside_frames() {
+        tracing::warn!("objects are named at the end only: {error}");
+    }
+    pipeline
+}
+
 /// A pipeline on a stream.
 pub struct LiveSession {
     pipeline: Pipeline,
@@ -84,8 +93,10 @@ pub struct LiveSession {
     seen: SeenObjects,
     /// With a lag: the frames whose results are not published yet.
     waiting: WaitingFrames<PublishedFrame>,
-    /// When the latest of them came.
+    /// When the latest frame came.
     latest_frame: Instant,
+    /// Objects have other names than in the saved map.
+    has_new_names: bool,
     status: LiveStatus,
     times: LatestTimes,
     latest_stamp: Duration,
@@ -121,13 +132,16 @@ impl LiveSession {
     pub fn new(
         mut build: BuildPipeline,
         load: Option<&Path>,
-        (stream, outlet): (Arc<LiveStream>, Box<dyn Outlet>),
+        (stream, mut outlet): (Arc<LiveStream>, Box<dyn Outlet>),
         options: LiveOptions,
     ) -> Result<Self, PipelineError> {
         let now = Instant::now();
+        let pipeline = started(build(load)?);
+        let requests = Requests::channel();
+        outlet.accept(&requests.0);
         let saving = options.saved_map.as_ref().map(|_| SaveStatus::default());
         Ok(Self {
-            pipeline: build(load)?,
+            pipeline,
             build,
             stream,
             outlet,
@@ -136,11 +150,12 @@ impl LiveSession {
             seen: SeenObjects::default(),
             waiting: WaitingFrames::default(),
             latest_frame: now,
+            has_new_names: false,
             status: LiveStatus { saving, ..LiveStatus::default() },
             times: LatestTimes::default(),
             latest_stamp: Duration::ZERO,
             due: Due { objects: now, points: now, status: now, saved: now, saved_frames: 0 },
-            requests: Requests::channel(),
+            requests,
         })
     }
 
@@ -180,8 +195,9 @@ impl LiveSession {
         // What was published is saved.
         self.pipeline.keep_verdicts();
         // The frames have ended, so a namer may take its time. A map without new names is worth keeping, too.
-        if let Err(error) = self.pipeline.finish_names() {
-            tracing::warn!("the objects have no new names: {error}");
+        match self.pipeline.finish_names() {
+            Ok(named) => self.has_new_names |= named > 0,
+            Err(error) => tracing::warn!("the objects have no new names: {error}"),
         }
         let saved = if self.has_unsaved() || self.has_lost_files() { self.save() } else { Ok(()) };
         self.publish_all();
@@ -200,8 +216,9 @@ impl LiveSession {
                 None => self.status.problem = self.stream.undecided(),
             }
             if self.latest_frame.elapsed() > self.options.lag + SECOND {
-                // The camera has stopped: nothing more will be known about them soon.
+                // The camera has stopped: nothing more will be known about them soon, and there is time for names.
                 self.publish_waiting(|_| true)?;
+                self.has_new_names |= self.pipeline.name_while_idle();
             }
             self.answer_requests();
             self.do_what_is_due();
@@ -212,6 +229,7 @@ impl LiveSession {
     /// Processes a frame. One that cannot be used becomes the problem in the status.
     fn use_frame(&mut self, frame: UndecodedFrame) -> Result<(), LiveError> {
         let (received, started) = (frame.received(), Instant::now());
+        self.latest_frame = started;
         let streamed = match frame.read() {
             Ok(streamed) => streamed,
             Err(error) => {
@@ -266,7 +284,6 @@ impl LiveSession {
         let (lag, stamp) = (self.options.lag.min(LiveOptions::MAX_LAG), place.stamp);
         match frame {
             Some(frame) if !lag.is_zero() => {
-                self.latest_frame = Instant::now();
                 let pose = result.pose.world_from_camera;
                 self.waiting.add(frame.at(pose), result, place);
                 // A clock that was set back must not keep frames for ever.
@@ -371,9 +388,10 @@ impl LiveSession {
         self.outlet.show(&self.status);
     }
 
-    /// True if there is a file for the map, and frames that it does not contain.
+    /// True if there is a file for the map, and frames or names that it does not contain.
     fn has_unsaved(&self) -> bool {
-        self.options.saved_map.is_some() && self.status.frames > self.due.saved_frames
+        let has_news = self.status.frames > self.due.saved_frames || self.has_new_names;
+        self.options.saved_map.is_some() && has_news
     }
 
     /// True if somebody has removed what was saved.
@@ -391,6 +409,7 @@ impl LiveSession {
         if saved.is_ok() {
             status.saved_frames = Some(self.status.frames);
             self.due.saved_frames = self.status.frames;
+            self.has_new_names = false;
         }
         saved
     }
@@ -425,6 +444,10 @@ impl LiveSession {
                 self.replace_map(None)?;
                 Ok("forgot everything".to_owned())
             }
+            LiveRequest::Name(id, label) => {
+                self.name_by_hand(id, label.as_deref()).map_err(LiveError::Name)?;
+                Ok(format!("object {id} is {}", label.as_deref().unwrap_or("without a label")))
+            }
             LiveRequest::Pause(is_paused) => {
                 self.status.is_paused = is_paused;
                 Ok(if is_paused { "paused" } else { "running" }.to_owned())
@@ -434,7 +457,7 @@ impl LiveSession {
 
     /// Starts again with another map, or an empty one. If it cannot be loaded, the present one stays.
     fn replace_map(&mut self, path: Option<&Path>) -> Result<(), LiveError> {
-        self.pipeline = (self.build)(path)?;
+        self.pipeline = started((self.build)(path)?);
         self.status.doubts.clear();
         self.seen = SeenObjects::default();
         self.waiting = WaitingFrames::default();
@@ -444,6 +467,34 @@ impl LiveSession {
     /// Returns the objects so far, as in `objects.json`.
     pub fn objects(&self) -> ObjectList {
         objects(&self.pipeline, &self.seen)
+    }
+
+    /// Returns what is needed to find objects by words, on another thread: comparing them with a text takes longer than a
+    /// frame may wait.
+    pub fn words(&self) -> LiveWords {
+        LiveWords {
+            objects: self.objects(),
+            names: self.pipeline.names().clone(),
+            network: self.pipeline.names_network(),
+            stamp: self.latest_stamp,
+            world: self.results.world().to_owned(),
+        }
+    }
+
+    /// Gives an object the label of a person, or takes its label away. It is shown and saved like those of a network.
+    ///
+    /// # Errors
+    /// A sentence: there is no such object, or the label cannot be used.
+    pub fn name_by_hand(&mut self, id: SegmentId, label: Option<&str>) -> Result<(), String> {
+        let is_known = self.pipeline.objects().records().contains_key(&id)
+            || self.pipeline.map().is_some_and(|map| map.is_carried(id));
+        if !is_known {
+            return Err(format!("there is no object {id}"));
+        }
+        self.pipeline.name_by_hand(id, label).map_err(|error| error.to_string())?;
+        self.has_new_names = true;
+        self.publish_objects();
+        Ok(())
     }
 
     /// Returns the chosen objects, as in the messages of [`Output::Objects`].

@@ -1,16 +1,21 @@
 //! A session in the browser and in Foxglove.
 
-use crate::{LiveFrame, LiveStatus, LiveStream, Outlet, Output};
+use crate::{LiveFrame, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, Requests};
 use splatseg_geometry::Image as Pixels;
 use splatseg_objects::ObjectList;
 use splatseg_odometry::PoseState;
 use splatseg_ros::{CompressedImage, Detection3dArray, DiagnosticArray, Image, MarkerArray, PointCloud2, TfMessage};
-use splatseg_view::{Channel, ChannelId, ViewError, ViewFrame, ViewObject, ViewOptions, ViewServer, ViewStatus};
+use splatseg_view::{
+    Channel, ChannelId, ViewAnswer, ViewError, ViewFrame, ViewObject, ViewOptions, ViewRequest, ViewServer, ViewStatus,
+};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 /// Name of the node in the topics shown to Foxglove.
 const NODE: &str = "/splatseg";
+/// Longest time that a viewer waits for an answer of the session.
+const ANSWER_TIME: Duration = Duration::from_secs(5);
 
 /// Shows a session to viewers: the page of [`ViewServer`], and each [`Output`] as a channel for Foxglove.
 #[derive(Debug)]
@@ -65,6 +70,11 @@ impl Outlet for ViewOutlet {
         }
     }
 
+    fn accept(&mut self, requests: &Requests) {
+        let requests = requests.clone();
+        self.server.answer_with(Arc::new(move |request| answer(&requests, request)));
+    }
+
     fn show(&mut self, status: &LiveStatus) {
         self.server.set_notes(status.problems());
     }
@@ -91,6 +101,20 @@ impl Outlet for ViewOutlet {
             frames: object.frames,
         });
         self.objects = shown.collect();
+    }
+}
+
+/// Answers a viewer of the page.
+fn answer(requests: &Requests, request: ViewRequest) -> Result<ViewAnswer, String> {
+    match request {
+        ViewRequest::Find(text) => {
+            let words = requests.look(LiveSession::words, ANSWER_TIME)?;
+            let found = words.find(&text).map_err(|error| error.to_string())?;
+            Ok(ViewAnswer::Found(found.into_iter().map(|found| (found.id, found.score)).collect()))
+        }
+        ViewRequest::Name(id, label) => {
+            requests.send(LiveRequest::Name(id, label), ANSWER_TIME).map(|_| ViewAnswer::Named)
+        }
     }
 }
 

@@ -12,12 +12,13 @@ mod object_view;
 mod old_names;
 mod remap_log;
 mod seen;
+mod seen_surface;
 mod shape;
 mod sightings;
 mod vertex_ids;
 
 pub use changes::{ChangedObject, DepthView, MapChanges, MovedObject, ObservedMap, PlaceSight, UnchangedObject};
-pub use kept_views::KeptViews;
+pub use kept_views::{KeptViews, ViewedFrame};
 pub use list::{BestView, Conventions, FrameStamp, Object, ObjectCounts, ObjectList, ObjectState};
 pub use names::{LabelScore, NameError, ObjectName, ObjectNames};
 pub use object_view::ObjectView;

@@ -142,6 +142,24 @@ impl Object {
     pub fn counts(&self) -> bool {
         matches!(self.state, None | Some(ObjectState::Remembered))
     }
+
+    /// An object of which only the id is known.
+    pub fn unknown(id: SegmentId) -> Self {
+        Self {
+            id,
+            label: None,
+            label_score: None,
+            label_alternatives: Vec::new(),
+            state: None,
+            frames: 0,
+            first_frame: None,
+            last_frame: None,
+            confidence: None,
+            color: None,
+            shape: None,
+            best_view: None,
+        }
+    }
 }
 
 impl ObjectList {
@@ -163,18 +181,13 @@ impl ObjectList {
             let record = log.records().get(&id);
             let shape = shapes.remove(&id);
             Object {
-                id,
-                label: None,
-                label_score: None,
-                label_alternatives: Vec::new(),
                 state: map.zip(carried.as_ref()).map(|(map, carried)| state_of(id, &map, carried)),
                 frames: record.map_or(0, |record| record.frames),
                 first_frame: record.map(|record| stamp(record.first_frame)),
                 last_frame: record.map(|record| stamp(record.last_frame)),
-                confidence: None,
                 color: shape.as_ref().map(|shape| shape.color),
                 shape,
-                best_view: None,
+                ..Object::unknown(id)
             }
         };
         let (objects, not_counted) = ids.into_iter().map(object).partition(Object::counts);

@@ -5,9 +5,10 @@ use crate::error::saved_state;
 use crate::run_output::written_ids;
 use crate::{FrameRecord, OutputError, ResultFolder, RunEnd, RunOutput};
 use serde::{Deserialize, Serialize};
-use splatseg_annotations::{CocoImage, CocoWriter};
+use splatseg_annotations::{CocoImage, CocoLabel, CocoWriter};
 use splatseg_files::AtomicFile;
 use splatseg_geometry::SegmentId;
+use splatseg_objects::Object;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
@@ -63,7 +64,7 @@ impl CocoFile {
     fn write(&self, end: &RunEnd<'_>, folder: &dyn ResultFolder) -> Result<(), OutputError> {
         let error = |source| OutputError::Io { path: self.path.clone(), source };
         let file = AtomicFile::create(&self.path).map_err(error)?;
-        let mut file = CocoWriter::start(file, "splatseg", env!("CARGO_PKG_VERSION")).map_err(error)?;
+        let mut file = CocoWriter::start(file, ("splatseg", env!("CARGO_PKG_VERSION")), &labels(end)).map_err(error)?;
         for (position, frame) in self.frames.iter().enumerate() {
             let segments = written_ids(folder, &frame.file_name)?;
             let scores = frame.scores(&end.remaps.final_ids(position));
@@ -73,6 +74,13 @@ impl CocoFile {
         }
         file.finish(end.scene).and_then(AtomicFile::commit).map_err(error)
     }
+}
+
+/// The label of each object that has one.
+fn labels(end: &RunEnd<'_>) -> BTreeMap<SegmentId, CocoLabel> {
+    let label =
+        |object: &Object| Some((object.id, CocoLabel { name: object.label.clone()?, score: object.label_score }));
+    end.objects.objects.iter().filter_map(label).collect()
 }
 
 impl RunOutput for CocoFile {

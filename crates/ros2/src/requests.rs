@@ -83,10 +83,11 @@ fn find(requests: &Requests) -> Answer {
     let requests = requests.clone();
     Box::new(move |request| {
         let Text { text } = from_cdr(request)?;
-        to_cdr(&objects(&requests, move |session| {
-            let found = session.pipeline().find_label(&text);
-            move |object: &Object| found.contains(&object.id)
-        }))
+        let found = requests.look(LiveSession::words, TIMEOUT).and_then(|words| {
+            let found = words.find(&text).map_err(|error| error.to_string())?;
+            Ok(words.detections(&found))
+        });
+        to_cdr(&reply(found))
     })
 }
 
@@ -95,12 +96,15 @@ fn objects<C: Fn(&Object) -> bool>(
     requests: &Requests,
     choose: impl FnOnce(&LiveSession) -> C + Send + 'static,
 ) -> Objects {
-    let looked = requests.look(move |session| session.detections(choose(session)), TIMEOUT);
+    reply(requests.look(move |session| session.detections(choose(session)), TIMEOUT))
+}
+
+fn reply(objects: Result<Detection3dArray, String>) -> Objects {
     let nothing = || Detection3dArray {
         header: Header { stamp: Time::from_nanoseconds(0), frame_id: String::new() },
         detections: Vec::new(),
     };
-    match looked {
+    match objects {
         Ok(objects) if objects.detections.is_empty() => {
             Objects { success: false, message: "no such object".to_owned(), objects }
         }

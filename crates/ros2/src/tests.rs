@@ -223,6 +223,15 @@ fn topics_give_the_objects_of_their_recording_and_services_answer() {
         assert_eq!(found.detections, listed.detections[..1]);
         let (success, message, _): (bool, String, Detection3dArray) = from_cdr(&get(-1)).unwrap();
         assert_eq!((success, message.as_str()), (false, "no such object"));
+        let find = |text: &str| {
+            let reply =
+                peer.call("/splatseg/find_objects", "splatseg_msgs/srv/FindObjects", to_cdr(&text.to_owned()).unwrap());
+            from_cdr::<(bool, String, Detection3dArray)>(&reply).unwrap()
+        };
+        let (success, _, found) = find("the largest one");
+        assert!(success && !found.detections.is_empty() && found.detections.len() <= listed.detections.len());
+        assert!(found.detections.iter().all(|found| listed.detections.iter().any(|listed| listed.id == found.id)));
+        assert!(!find("piano").0);
     });
 }
 

@@ -85,9 +85,16 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
         map.save(out).map_err(Failure::runtime)?;
         inform!("{}: {} with a label", out.display(), counted(map.names.labels().count(), "object"));
     }
+    list(&map, &ids);
+    Ok(())
+}
+
+/// Lists the objects that have a label, and counts the others.
+fn list(map: &NamedMap, ids: &BTreeSet<SegmentId>) {
+    let mut unknown = 0;
     for id in ids {
-        let Some(name) = map.names.name(id).filter(|name| name.label.is_some()) else {
-            say!("{id} unknown");
+        let Some(name) = map.names.name(*id).filter(|name| name.label.is_some()) else {
+            unknown += 1;
             continue;
         };
         let score = match name.score {
@@ -97,7 +104,9 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
         };
         say!("{id} {}{score}", name.label.as_deref().unwrap_or_default());
     }
-    Ok(())
+    if unknown > 0 {
+        say!("{} without a label", counted(unknown, "object"));
+    }
 }
 
 /// The labels in a file.

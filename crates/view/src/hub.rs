@@ -3,15 +3,15 @@
 use crate::camera_path::CameraPath;
 use crate::counts::{Counters, count};
 use crate::foxglove::MessageHub;
-use crate::page_messages;
+use crate::page_messages::{self, Hello};
 use crate::slots::{PageMessage, PageSlot, lock};
-use crate::{Token, ViewFrame, ViewLimits};
+use crate::{AnswerViewer, Token, ViewFrame, ViewLimits};
 use glam::{DVec3, Vec3};
 use splatseg_geometry::{MapView, Pose};
 use splatseg_output::{MapData, UpEstimate, map_data};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tungstenite::Message;
 
@@ -23,6 +23,15 @@ const GRID: f64 = 16.0;
 const MAX_DISTANCE: f64 = 128.0;
 /// Maps are made in at most this part of the caller's time.
 const MAX_MAP_SHARE: u32 = 50;
+
+/// What answers viewers.
+pub(crate) struct Answer(pub(crate) AnswerViewer);
+
+impl std::fmt::Debug for Answer {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str("Answer")
+    }
+}
 
 /// Everything that threads share.
 #[derive(Debug)]
@@ -36,6 +45,8 @@ pub(crate) struct Shared {
     pub(crate) counters: Counters,
     pub(crate) pages: PageHub,
     pub(crate) messages: MessageHub,
+    /// Answers viewers, if the program does.
+    pub(crate) answer: OnceLock<Answer>,
     stopping: AtomicBool,
 }
 
@@ -50,6 +61,7 @@ impl Shared {
             counters: Counters::default(),
             pages: PageHub::default(),
             messages: MessageHub::default(),
+            answer: OnceLock::new(),
             stopping: AtomicBool::new(false),
         }
     }
@@ -225,14 +237,14 @@ impl PageHub {
     }
 
     /// Adds a viewer with everything it has missed. `None` if there are too many.
-    pub(crate) fn join(&self, scene: &str, session: &str, max: usize) -> Option<Arc<PageSlot>> {
+    pub(crate) fn join(&self, hello: Hello<'_>, max: usize) -> Option<Arc<PageSlot>> {
         let mut state = lock(&self.state);
         if state.viewers.len() >= max {
             return None;
         }
         let slot = Arc::new(PageSlot::default());
         let origin = state.origin.unwrap_or_default();
-        slot.put(PageMessage::Hello, page_messages::hello(scene, session, origin, &state.path));
+        slot.put(PageMessage::Hello, page_messages::hello(hello, origin, &state.path));
         for kind in [PageMessage::Objects, PageMessage::Frame, PageMessage::Map] {
             if let Some(Some(message)) = state.latest.get(kind as usize) {
                 slot.put(kind, message.clone());

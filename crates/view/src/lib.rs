@@ -2,7 +2,8 @@
 //!
 //! [`ViewServer`] serves one TCP port. A browser gets the page of a run (map, video with ids, list of objects), updated as
 //! frames arrive. Foxglove gets the messages of [`ViewServer::publish_message`]. A random token is part of the link, and
-//! nothing is served without it. Viewers cannot change anything.
+//! nothing is served without it. Viewers cannot change anything but labels of objects, if the program lets them
+//! ([`ViewServer::answer_with`]).
 //!
 //! `publish_*` never waits for a viewer. The newest frame waits in a slot until the encoding thread takes it, and each
 //! viewer has slots of its own.
@@ -13,10 +14,12 @@
 //! | `slots.rs` | the messages that wait for a viewer: the newest frame replaces an older one that was not sent |
 //! | `connection.rs`, `page_viewer.rs`, `foxglove_viewer.rs` | a thread for each viewer |
 //! | `request.rs` | who is served |
+//! | `asking.rs` | what a viewer of the page may ask: objects by words, labels |
 //!
 //! A viewer that takes or answers nothing for ten seconds is disconnected. A page confirms each message once it is
 //! shown, so that frames do not queue up in the browser.
 
+mod asking;
 mod camera_path;
 mod channel;
 mod connection;
@@ -37,6 +40,7 @@ mod slots;
 mod timed_stream;
 mod token;
 
+pub use asking::{AnswerViewer, ViewAnswer, ViewRequest};
 pub use channel::{Channel, ChannelId};
 pub use counts::ViewCounts;
 pub use error::ViewError;

@@ -34,13 +34,24 @@ fn text(value: &Value) -> Message {
     Message::text(value.to_string())
 }
 
-/// The first message: `path` has the camera's places so far, relative to `origin`. `session` differs between servers.
-pub(crate) fn hello(scene: &str, session: &str, origin: DVec3, path: &CameraPath) -> Message {
+/// What the first message says of a server.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Hello<'a> {
+    pub(crate) scene: &'a str,
+    /// Differs between servers.
+    pub(crate) session: &'a str,
+    /// Whether it answers questions of viewers.
+    pub(crate) answers: bool,
+}
+
+/// The first message: `path` has the camera's places so far, relative to `origin`.
+pub(crate) fn hello(Hello { scene, session, answers }: Hello<'_>, origin: DVec3, path: &CameraPath) -> Message {
     text(&json!({
         "kind": "hello",
         "version": env!("CARGO_PKG_VERSION"),
         "scene": scene,
         "session": session,
+        "answers": answers,
         "origin": origin,
         "path": path.encoded(origin),
         "frames": path.frames(),

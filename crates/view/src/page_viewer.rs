@@ -1,8 +1,10 @@
 //! A browser that shows the page.
 
+use crate::ViewRequest;
 use crate::connection::Viewer;
 use crate::hub::Shared;
-use crate::slots::PageSlot;
+use crate::page_messages::Hello;
+use crate::slots::{PageMessage, PageSlot};
 use std::sync::Arc;
 use std::time::Duration;
 use tungstenite::Message;
@@ -26,7 +28,21 @@ impl<'a> PageViewer<'a> {
     /// A new viewer; `None` if there are too many.
     pub(crate) fn join(shared: &'a Shared) -> Option<Self> {
         let room = shared.limits.viewers.saturating_sub(shared.messages.viewers());
-        Some(Self { shared, slot: shared.pages.join(&shared.scene, &shared.session, room)?, under_way: 0 })
+        let answers = shared.answer.get().is_some();
+        let hello = Hello { scene: &shared.scene, session: &shared.session, answers };
+        Some(Self { shared, slot: shared.pages.join(hello, room)?, under_way: 0 })
+    }
+
+    /// Answers a request. Returns false if it is none, or nobody answers.
+    fn answer(&self, text: &str) -> bool {
+        let (Some(answer), Some(request)) = (self.shared.answer.get(), ViewRequest::parse(text)) else { return false };
+        let kind = match request {
+            ViewRequest::Find(_) => PageMessage::Found,
+            ViewRequest::Name(..) => PageMessage::Named,
+        };
+        let answered = (answer.0)(request.clone());
+        self.slot.put(kind, request.answered(&answered));
+        true
     }
 }
 
@@ -51,10 +67,12 @@ impl Viewer for PageViewer<'_> {
     }
 
     fn receive(&mut self, message: &Message) -> bool {
-        let is_expected = self.under_way > 0 && matches!(message, Message::Text(text) if text.as_str() == SHOWN);
-        if is_expected {
-            self.under_way -= 1;
+        let Message::Text(text) = message else { return false };
+        if text.as_str() != SHOWN {
+            return self.answer(text);
         }
+        let is_expected = self.under_way > 0;
+        self.under_way -= usize::from(is_expected);
         is_expected
     }
 

@@ -2,8 +2,8 @@
 
 use crate::connection::{self, Connections};
 use crate::encoder;
-use crate::hub::{PlacedFrame, Shared};
-use crate::{Channel, ChannelId, Reach, Token, ViewCounts, ViewError, ViewFrame, ViewOptions};
+use crate::hub::{Answer, PlacedFrame, Shared};
+use crate::{AnswerViewer, Channel, ChannelId, Reach, Token, ViewCounts, ViewError, ViewFrame, ViewOptions};
 use splatseg_geometry::{MapView, Pose};
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
@@ -87,6 +87,12 @@ impl ViewServer {
             let placed = PlacedFrame { index, frame: frame(), world_from_camera: world_from_camera.copied() };
             self.shared.pages.put_frame(placed, &self.shared.counters);
         }
+    }
+
+    /// Lets viewers of the page find objects by words and give them labels: `answer` is called on their threads, and may
+    /// take seconds. Only the first call has an effect; pages opened before it cannot ask.
+    pub fn answer_with(&self, answer: AnswerViewer) {
+        let _ = self.shared.answer.set(Answer(answer));
     }
 
     /// Sets what the page says besides the lines of the latest frame, e.g. what is wrong. It comes within a second, also if

@@ -19,13 +19,15 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 pub(crate) enum PageMessage {
     Hello,
     Status,
+    Found,
+    Named,
     Objects,
     Frame,
     Map,
 }
 
 impl PageMessage {
-    pub(crate) const COUNT: usize = 5;
+    pub(crate) const COUNT: usize = 7;
 }
 
 /// The newest message of each kind that a page has not been sent.

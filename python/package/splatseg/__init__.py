@@ -23,6 +23,7 @@ from .evaluation import Scores, evaluate
 from .frame import Frame
 from .live import Live
 from .memory import Memory
+from .naming import Names, names
 from .objects import BestView, FoundObject, FrameStamp, Object, ObjectSighting, Shape
 from .pipeline import FastSamSplat, Pipeline, Sam2Splat
 from .result import StepResult
@@ -42,6 +43,7 @@ __all__ = [
     "Graph",
     "Live",
     "Memory",
+    "Names",
     "Object",
     "ObjectSighting",
     "Pipeline",
@@ -55,6 +57,7 @@ __all__ = [
     "Tracks",
     "__version__",
     "evaluate",
+    "names",
     "open_scene",
     "read_state",
     "rerun",

@@ -105,6 +105,8 @@ class Object:
     """Its best view."""
     label_score: float | None = None
     """How clearly the label fits, from 0 to 1; ``None`` if that is not known, as for labels given by hand."""
+    label_alternatives: tuple[tuple[str, float], ...] = ()
+    """Other labels that fit, best first, each with its score."""
 
     @property
     def centroid(self) -> tuple[float, float, float] | None:
@@ -124,7 +126,9 @@ class FoundObject:
     object: Object
     """The object."""
     similarity: float | None
-    """Cosine similarity of its embedding, from -1 to 1; ``None`` if it was found by its label."""
+    """Cosine similarity of its embedding, from -1 to 1; ``None`` if it was found by a text."""
+    score: float | None = None
+    """How well it fits the text, from 0 to 1; ``None`` if it was found by an embedding."""
 
 
 def parse(entry: dict[str, Any]) -> Object:
@@ -148,6 +152,7 @@ def parse(entry: dict[str, Any]) -> Object:
             confidence=view["confidence"],
         ),
         label_score=entry.get("label_score"),
+        label_alternatives=tuple((other["label"], other["score"]) for other in entry.get("label_alternatives", ())),
     )
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _splatseg
 from .memory import Memory
+from .naming import Names
 from .objects import FoundObject, Object, ObjectSighting, parse
 from .result import StepResult
 from .segmenters import Segmenter
@@ -170,8 +171,11 @@ class Pipeline:
         """Every object seen so far or in the memory, by increasing id, with its shape in the world."""
         return [parse(entry) for entry in json.loads(self._pipeline.objects())["objects"]]
 
-    def name_objects(self, fn: Callable[[NDArray[np.uint8], NDArray[np.bool_], Object], Name]) -> int:
+    def name_objects(self, fn: Names | Callable[[NDArray[np.uint8], NDArray[np.bool_], Object], Name]) -> int:
         """Names objects with ``fn(rgb, mask, object)``, e.g. a CLIP network; returns for how many it was called.
+
+        ``fn`` can also be a network of :func:`names`: it looks at up to four views of each object, and chooses the labels
+        of all objects together.
 
         ``rgb``: the best view so far, uint8 ``(height, width, 3)``, sRGB, at most 224 pixels wide and high. ``mask``: the
         object's pixels in it, bool ``(height, width)``. It returns a label, an embedding (a vector whose length is the same
@@ -181,6 +185,8 @@ class Pipeline:
         Exceptions of ``fn`` are passed on; names given before stay. Raises ``ValueError`` for an unusable name and
         without ``keep_views=True``.
         """
+        if isinstance(fn, Names):
+            return self._pipeline.name_with_network(fn._names)
         return self._pipeline.name_objects(
             lambda rgb, mask, entry: _label_and_embedding(fn(rgb, mask, parse(json.loads(entry))))
         )
@@ -203,15 +209,18 @@ class Pipeline:
     def find(self, what: str | ArrayLike, top: int = 5) -> list[FoundObject]:
         """The named objects that are still there and fit best, at most ``top``.
 
-        ``what`` is a text that the label contains, in upper or lower case, or an embedding: then the most similar come
+        ``what`` is a text, e.g. ``"red mug"`` or ``"the smallest box"``: labels, their synonyms, colours and sizes count, and
+        with a network of :func:`names` or of the settings also pictures. Or it is an embedding: then the most similar come
         first. Raises ``ValueError`` if the embedding has another length than those of the objects.
         """
-        if isinstance(what, str):
-            found: list[tuple[int, float | None]] = [(id, None) for id in self._pipeline.find_label(what)]
-        else:
-            found = list(self._pipeline.find(_vector(what)))
+        is_text = isinstance(what, str)
+        found = self._pipeline.find_text(what) if is_text else self._pipeline.find(_vector(what))
         entries = {entry.id: entry for entry in self.objects()} if found else {}
-        return [FoundObject(entries[id], similarity) for id, similarity in found[: max(top, 0)] if id in entries]
+        return [
+            FoundObject(entries[id], None if is_text else value, value if is_text else None)
+            for id, value in found[: max(top, 0)]
+            if id in entries
+        ]
 
     def clear_names(self) -> None:
         """Drops all names, e.g. before a loaded map is named with another network."""

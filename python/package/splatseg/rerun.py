@@ -87,7 +87,7 @@ def _log_frame(result: StepResult, frame: int | None, recording: rerun.Recording
 
 
 def log_map(pipeline: Pipeline, *, recording: rerun.RecordingStream | None = None) -> None:
-    """Logs the map as points in their objects' colours, and a box with its id for each object."""
+    """Logs the map as points in their objects' colours, and a box with id and label for each object."""
     if shown := _Map.of(pipeline):
         shown.log(recording)
 
@@ -100,16 +100,18 @@ class _Map:
     radii: NDArray[np.float32]
     ids: NDArray[np.uint32]
     shapes: list[tuple[int, Shape]]
+    labels: list[str]
 
     @classmethod
     def of(cls, pipeline: Pipeline) -> _Map | None:
         if not pipeline._pipeline.has_memory:
             return None
         memory = pipeline.memory
-        entries = [entry for entry in pipeline.objects() if entry.state == "remembered"]
+        entries = [entry for entry in pipeline.objects() if entry.state == "remembered" and entry.shape is not None]
         shapes = [(entry.id, entry.shape) for entry in entries if entry.shape is not None]
+        labels = [f"{entry.id} {entry.label or ''}".rstrip() for entry in entries]
         shown = memory.has_place
-        return cls(memory.means[shown], memory.radii[shown], memory.segment_ids[shown], shapes)
+        return cls(memory.means[shown], memory.radii[shown], memory.segment_ids[shown], shapes, labels)
 
     def log(self, recording: rerun.RecordingStream | None) -> None:
         import rerun as rr
@@ -123,7 +125,7 @@ class _Map:
             sizes=[shape.size for _, shape in self.shapes],
             quaternions=[rr.Quaternion(xyzw=shape.rotation) for _, shape in self.shapes],
             colors=[_splatseg.segment_color(id) for id, _ in self.shapes],
-            labels=[str(id) for id, _ in self.shapes],
+            labels=self.labels,
             show_labels=False,
         )
         rr.log("world/boxes", boxes, recording=recording)

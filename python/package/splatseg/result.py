@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _splatseg
-from .objects import ObjectSighting
+from .objects import Object, ObjectSighting
 
 if TYPE_CHECKING:
     import supervision
@@ -59,21 +60,26 @@ class StepResult:
         own = np.array([sighting.id for sighting in self.objects], dtype=self.ids.dtype)
         return self.ids == own[:, None, None]
 
-    def to_supervision(self) -> supervision.Detections:
+    def to_supervision(self, objects: Iterable[Object] = ()) -> supervision.Detections:
         """The objects as ``supervision.Detections`` with boxes, masks, confidence and ``tracker_id``.
 
-        Needs ``pip install splatseg[supervision]``.
+        With ``objects``, e.g. ``pipeline.objects()``, ``data["class_name"]`` has their labels, and ``class_id`` the place of
+        each label among them in alphabetical order, from 1. Objects without a label are of class 0, ``object``. Needs ``pip install splatseg[supervision]``.
         """
         import supervision
 
+        labels = {entry.id: entry.label for entry in objects if entry.label}
+        classes = {label: index for index, label in enumerate(sorted(set(labels.values())), 1)}
+        names = [labels.get(sighting.id, "object") for sighting in self.objects]
         boxes = np.array([sighting.bounding_box for sighting in self.objects], dtype=np.float32).reshape(-1, 4)
         corners = np.concatenate([boxes[:, :2], boxes[:, :2] + boxes[:, 2:]], axis=1)
         return supervision.Detections(
             xyxy=corners,
             mask=self.masks,
             confidence=np.array([sighting.confidence for sighting in self.objects], dtype=np.float32),
-            class_id=np.zeros(len(self.objects), dtype=int),
+            class_id=np.array([classes.get(labels.get(sighting.id), 0) for sighting in self.objects], dtype=int),
             tracker_id=np.array([sighting.id for sighting in self.objects], dtype=int),
+            data={"class_name": np.array(names, dtype=str)},
         )
 
     def overlay_png(self) -> bytes:

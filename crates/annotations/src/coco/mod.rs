@@ -12,4 +12,4 @@ mod writer;
 pub use mask_file::{MaskFileError, read_mask_file};
 pub use predictions::EncodedMask;
 pub(crate) use predictions::{frame_name, read_document, read_masks};
-pub use writer::{CocoImage, CocoWriter};
+pub use writer::{CocoImage, CocoLabel, CocoWriter};

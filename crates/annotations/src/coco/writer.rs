@@ -3,11 +3,13 @@
 use super::segmentation::Segmentation;
 use serde::Serialize;
 use splatseg_geometry::{RunLengths, SegmentId, SegmentMap};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Result, Write};
 
-/// Ids count from 1, and there is one video and one category.
+/// Ids count from 1, and there is one video.
 const ONLY: u32 = 1;
+/// The category of objects without a label. Labels have those after it.
+const OBJECT: u32 = 1;
 
 /// The header of the file.
 #[derive(Serialize)]
@@ -21,6 +23,15 @@ struct Category<'a> {
     id: u32,
     name: &'a str,
     supercategory: &'a str,
+}
+
+/// What an object is.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CocoLabel {
+    /// Name of its category.
+    pub name: String,
+    /// How clearly that fits, 0 to 1, if it is known.
+    pub score: Option<f32>,
 }
 
 #[derive(Serialize)]
@@ -66,6 +77,8 @@ struct Annotation {
     bbox: [usize; 4],
     iscrowd: u32,
     score: f32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    category_score: Option<f32>,
 }
 
 /// Writes a COCO file, frame by frame.
@@ -73,22 +86,35 @@ struct Annotation {
 pub struct CocoWriter<W> {
     file: W,
     annotations: usize,
+    /// Category of each object that has a label, and how clearly it fits.
+    categories: BTreeMap<SegmentId, (u32, Option<f32>)>,
     /// The frames so far, as JSON.
     images: Vec<String>,
 }
 
 impl<W: Write> CocoWriter<W> {
-    /// Writes the start of the file. `program` and `version` are stored in its header.
+    /// Writes the start of the file. `program` and `version` are stored in its header. Each label is a category, in
+    /// alphabetical order; objects without one are of the first category, `object`.
     ///
     /// # Errors
     /// If the file cannot be written, here and below.
-    pub fn start(mut file: W, program: &str, version: &str) -> Result<Self> {
+    pub fn start(
+        mut file: W,
+        (program, version): (&str, &str),
+        labels: &BTreeMap<SegmentId, CocoLabel>,
+    ) -> Result<Self> {
         let info = Info { description: program, version };
-        let category = Category { id: ONLY, name: "object", supercategory: "object" };
+        let names: BTreeSet<&str> = labels.values().map(|label| label.name.as_str()).collect();
+        let numbers: BTreeMap<&str, u32> = names.into_iter().zip(OBJECT + 1..).collect();
+        let all = std::iter::once((&"object", &OBJECT)).chain(&numbers);
+        let all: Vec<Category<'_>> =
+            all.map(|(name, id)| Category { id: *id, name, supercategory: "object" }).collect();
         writeln!(file, "{{\"info\": {},", serde_json::to_string(&info)?)?;
-        writeln!(file, "\"categories\": [{}],", serde_json::to_string(&category)?)?;
+        writeln!(file, "\"categories\": {},", serde_json::to_string(&all)?)?;
         write!(file, "\"annotations\": [")?;
-        Ok(Self { file, annotations: 0, images: Vec::new() })
+        let number = |label: &CocoLabel| numbers.get(label.name.as_str()).copied().unwrap_or(OBJECT);
+        let categories = labels.iter().map(|(id, label)| (*id, (number(label), label.score))).collect();
+        Ok(Self { file, annotations: 0, categories, images: Vec::new() })
     }
 
     /// Writes the masks of the next frame.
@@ -100,17 +126,19 @@ impl<W: Write> CocoWriter<W> {
         for (id, runs) in RunLengths::of_segments(segments) {
             self.annotations += 1;
             let (bbox, area) = extent(&runs);
+            let (category_id, category_score) = self.categories.get(&id).copied().unwrap_or((OBJECT, None));
             let annotation = Annotation {
                 id: self.annotations,
                 image_id: frame_index + 1,
                 video_id: ONLY,
-                category_id: ONLY,
+                category_id,
                 track_id: id,
                 segmentation: Segmentation::compressed(&runs),
                 area,
                 bbox,
                 iscrowd: 0,
                 score: image.scores.get(&id).copied().unwrap_or(0.0),
+                category_score,
             };
             let separator = if self.annotations == 1 { "" } else { "," };
             write!(self.file, "{separator}\n{}", serde_json::to_string(&annotation)?)?;
@@ -157,7 +185,27 @@ fn extent(runs: &RunLengths) -> ([usize; 4], usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use splatseg_geometry::Mask;
+    use splatseg_geometry::{Image, Mask};
+
+    #[test]
+    fn each_label_is_a_category() {
+        let label = |name: &str, score| CocoLabel { name: name.to_owned(), score };
+        let labels = BTreeMap::from([(3, label("mug", Some(0.5))), (4, label("chair", None)), (5, label("mug", None))]);
+        let mut writer = CocoWriter::start(Vec::new(), ("program", "1"), &labels).unwrap();
+        let image = CocoImage { file_name: "0.jpg", name: "0", scores: &BTreeMap::new() };
+        writer.frame(&image, &Image::from_fn(4, 1, |column, _| column as u32 + 2)).unwrap();
+        let file: serde_json::Value = serde_json::from_slice(&writer.finish("video").unwrap()).unwrap();
+        let categories = file["categories"].as_array().unwrap().iter();
+        let categories: Vec<_> = categories.map(|category| (category["id"].as_u64(), &category["name"])).collect();
+        let [object, chair, mug] = ["object", "chair", "mug"].map(serde_json::Value::from);
+        assert_eq!(categories, [(Some(1), &object), (Some(2), &chair), (Some(3), &mug)]);
+        let of = |track: u64| {
+            let annotations = file["annotations"].as_array().unwrap();
+            let found = annotations.iter().find(|annotation| annotation["track_id"] == track).unwrap();
+            (found["category_id"].as_u64().unwrap(), found["category_score"].as_f64())
+        };
+        assert_eq!([2, 3, 4, 5].map(of), [(1, None), (3, Some(0.5)), (2, None), (3, None)]);
+    }
 
     #[test]
     fn extents_are_those_of_the_pixels() {

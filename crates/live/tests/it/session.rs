@@ -309,3 +309,34 @@ fn a_map_that_cannot_be_saved_is_said_until_it_can() {
     setting.session.run(&mut || true).unwrap();
     assert!(saved.exists());
 }
+
+#[test]
+fn a_label_given_to_an_object_is_found_published_and_saved() {
+    let folder = tempfile::tempdir().unwrap();
+    let saved = SavedMap::new(folder.path().join("home.ply"));
+    let mut setting = setting(LiveOptions { saved_map: Some(saved.clone()), ..LiveOptions::default() }, None);
+    play(&mut setting);
+    let object = setting.session.objects().objects.into_iter().find(|object| object.shape.is_some()).unwrap();
+    setting.session.name_by_hand(object.id, Some("mug")).unwrap();
+    assert!(setting.session.name_by_hand(9999, Some("mug")).unwrap_err().contains("no object 9999"));
+    assert!(setting.session.name_by_hand(object.id, Some("a\nb")).is_err());
+    let words = setting.session.words();
+    let found = words.find("coffee cup").unwrap();
+    assert_eq!(found.iter().map(|found| (found.id, found.score)).collect::<Vec<_>>(), [(object.id, 1.0)]);
+    let message = words.detections(&found);
+    assert_eq!((message.header.frame_id.as_str(), message.detections.len()), ("map", 1));
+    assert_eq!(message.detections[0].results[0].hypothesis.class_id, "mug");
+    assert!(words.find("piano").unwrap().is_empty());
+    {
+        let published = setting.published.lock().unwrap();
+        let (_, latest) = published.iter().rev().find(|(output, _)| *output == Output::Objects).unwrap();
+        let objects: Detection3dArray = from_cdr(latest).unwrap();
+        let classes = objects.detections.iter().map(|detection| detection.results[0].hypothesis.class_id.as_str());
+        assert_eq!(classes.filter(|class| *class == "mug").count(), 1);
+    }
+    // No frame has come since the last save, but a name.
+    setting.session.run(&mut || true).unwrap();
+    let list: ObjectList = serde_json::from_slice(&std::fs::read(saved.objects()).unwrap()).unwrap();
+    let labelled = list.objects.iter().find(|other| other.label.is_some()).unwrap();
+    assert_eq!((labelled.id, labelled.label.as_deref()), (object.id, Some("mug")));
+}

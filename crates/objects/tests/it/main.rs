@@ -1,5 +1,6 @@
 //! The integration tests of this crate, in one program: it is linked once.
 
+mod kept_views;
 mod labelled_rooms;
 mod names;
 mod object_list;

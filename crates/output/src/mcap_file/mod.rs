@@ -260,7 +260,9 @@ mod tests {
             // Two at a time.
             first_seen: index as i64 / 2,
             frames: 1,
-            text: String::new(),
+            label: None,
+            label_score: None,
+            label_alternatives: Vec::new(),
             oriented_box: OrientedBox { center: DVec3::ZERO, size: Vec3::ONE, rotation: Quat::IDENTITY },
         };
         let shown: Vec<ShownObject> = (0..MAX_REPEATED + 3).map(shown).collect();

@@ -4,6 +4,7 @@ use crate::ros_messages::{BOX_OPACITY, ShownObject, TEXT_HEIGHT, WORLD};
 use glam::Quat;
 use serde::Serialize;
 use serde_json::{Value, json};
+use splatseg_objects::LabelScore;
 use splatseg_ros::Time;
 
 /// Entities to show from a time on. Entities with other ids stay.
@@ -22,7 +23,7 @@ struct Entity {
     /// 0: until it is replaced.
     lifetime: Seconds,
     frame_locked: bool,
-    metadata: [KeyValue; 1],
+    metadata: Vec<KeyValue>,
     cubes: [Cube; 1],
     texts: [Text; 1],
     // An entity must have all these lists.
@@ -109,6 +110,21 @@ pub(super) fn scene_update(objects: &[ShownObject]) -> SceneUpdate {
     SceneUpdate { deletions: [], entities: objects.iter().map(entity).collect() }
 }
 
+/// What is known of an object: `frames`, `label`, `label_score`, and `label_alternatives` as `cup 0.31, bowl 0.12`.
+fn metadata(object: &ShownObject) -> Vec<KeyValue> {
+    let mut known = vec![KeyValue { key: "frames", value: object.frames.to_string() }];
+    if let Some(label) = &object.label {
+        known.push(KeyValue { key: "label", value: label.clone() });
+        known.extend(object.label_score.map(|score| KeyValue { key: "label_score", value: format!("{score:.2}") }));
+    }
+    let other = |other: &LabelScore| format!("{} {:.2}", other.label, other.score);
+    if !object.label_alternatives.is_empty() {
+        let value = object.label_alternatives.iter().map(other).collect::<Vec<_>>().join(", ");
+        known.push(KeyValue { key: "label_alternatives", value });
+    }
+    known
+}
+
 fn entity(object: &ShownObject) -> Entity {
     let shape = &object.oriented_box;
     let pose = |turn: Quat| FoxglovePose {
@@ -123,7 +139,7 @@ fn entity(object: &ShownObject) -> Entity {
         id: object.id.to_string(),
         lifetime: Seconds { sec: 0, nsec: 0 },
         frame_locked: false,
-        metadata: [KeyValue { key: "frames", value: object.frames.to_string() }],
+        metadata: metadata(object),
         cubes: [Cube {
             pose: pose(shape.rotation),
             size: shape.size.to_array().into(),
@@ -135,7 +151,7 @@ fn entity(object: &ShownObject) -> Entity {
             font_size: TEXT_HEIGHT,
             scale_invariant: false,
             color: Rgba { r: 1.0, g: 1.0, b: 1.0, a: 1.0 },
-            text: object.text.clone(),
+            text: object.text(),
         }],
         arrows: [],
         spheres: [],

@@ -5,7 +5,7 @@ use super::{MAP, WORLD};
 use crate::segment_color;
 use glam::DVec3;
 use splatseg_geometry::{MapView, SegmentId};
-use splatseg_objects::{Object, OrientedBox};
+use splatseg_objects::{LabelScore, Object, OrientedBox};
 use splatseg_ros::{
     BoundingBox3d, ColorRgba, Detection3d, Detection3dArray, Header, Marker, MarkerArray, ObjectHypothesis,
     ObjectHypothesisWithPose, Point, PointCloud2, PointField, PoseMessage, PoseWithCovariance, Quaternion, Time,
@@ -33,8 +33,12 @@ pub struct ShownObject {
     pub first_seen: i64,
     /// Number of frames that show it.
     pub frames: usize,
-    /// Its id, followed by its label if it has one.
-    pub text: String,
+    /// Its label, if it has one.
+    pub label: Option<String>,
+    /// How clearly that fits, if it is known.
+    pub label_score: Option<f32>,
+    /// Other labels that fit, best first.
+    pub label_alternatives: Vec<LabelScore>,
     /// Its box, world coordinates.
     pub oriented_box: OrientedBox,
 }
@@ -42,12 +46,23 @@ pub struct ShownObject {
 impl ShownObject {
     /// Returns an object of a run's list; `None` if it has no shape. `first_seen` is in nanoseconds.
     pub fn new(first_seen: i64, object: &Object) -> Option<Self> {
-        let text = match &object.label {
-            Some(label) => format!("{} {label}", object.id),
-            None => object.id.to_string(),
-        };
-        let oriented_box = object.shape.as_ref()?.oriented_box;
-        Some(Self { id: object.id, first_seen, frames: object.frames, text, oriented_box })
+        Some(Self {
+            id: object.id,
+            first_seen,
+            frames: object.frames,
+            label: object.label.clone(),
+            label_score: object.label_score,
+            label_alternatives: object.label_alternatives.clone(),
+            oriented_box: object.shape.as_ref()?.oriented_box,
+        })
+    }
+
+    /// Its id, followed by its label if it has one.
+    pub fn text(&self) -> String {
+        match &self.label {
+            Some(label) => format!("{} {label}", self.id),
+            None => self.id.to_string(),
+        }
     }
 
     /// Red, green and blue, 0 to 1.
@@ -142,7 +157,18 @@ fn marker_id(id: SegmentId) -> i32 {
     i32::try_from(id).unwrap_or(i32::MAX)
 }
 
-/// The boxes of objects, with the lasting id of each as text. An object with a label has it as its class.
+/// The classes that an object may have: its label, then the alternatives. The score is that of the label; of an object
+/// without one, or with a label given by hand, it is the confidence of its id.
+fn hypotheses(object: &Object) -> impl Iterator<Item = ObjectHypothesis> {
+    let score = object.label.as_ref().and(object.label_score).or(object.confidence).map_or(1.0, f64::from);
+    let first = ObjectHypothesis { class_id: object.label.clone().unwrap_or_default(), score };
+    let others = object.label_alternatives.iter();
+    let other = |other: &LabelScore| ObjectHypothesis { class_id: other.label.clone(), score: f64::from(other.score) };
+    std::iter::once(first).chain(others.map(other))
+}
+
+/// The boxes of objects, with the lasting id of each as text. An object with a label has it as its first class, and other
+/// labels that fit as further ones.
 pub fn detections<'a>(header: &Header, objects: impl Iterator<Item = &'a Object>) -> Detection3dArray {
     let detection = |object: &Object| {
         let OrientedBox { center, size, rotation } = object.shape.as_ref()?.oriented_box;
@@ -151,12 +177,13 @@ pub fn detections<'a>(header: &Header, objects: impl Iterator<Item = &'a Object>
             position: Point { x: center.x, y: center.y, z: center.z },
             orientation: Quaternion { x: turn.x, y: turn.y, z: turn.z, w: turn.w },
         };
-        let score = object.confidence.map_or(1.0, f64::from);
-        let hypothesis = ObjectHypothesis { class_id: object.label.clone().unwrap_or_default(), score };
-        let pose = PoseWithCovariance { pose: center.clone(), ..PoseWithCovariance::default() };
+        let hypothesis = |hypothesis: ObjectHypothesis| ObjectHypothesisWithPose {
+            hypothesis,
+            pose: PoseWithCovariance { pose: center.clone(), ..PoseWithCovariance::default() },
+        };
         Some(Detection3d {
             header: header.clone(),
-            results: vec![ObjectHypothesisWithPose { hypothesis, pose }],
+            results: hypotheses(object).map(hypothesis).collect(),
             bbox: BoundingBox3d { center, size: Vector3 { x: size.x, y: size.y, z: size.z } },
             id: object.id.to_string(),
         })
@@ -179,7 +206,7 @@ fn id_marker(object: &ShownObject) -> Marker<'static> {
     let mut marker = marker(object, IDS, marker_type::TEXT_VIEW_FACING);
     marker.scale.z = f64::from(TEXT_HEIGHT);
     marker.color = ColorRgba { r: 1.0, g: 1.0, b: 1.0, a: 1.0 };
-    marker.text.clone_from(&object.text);
+    marker.text = object.text();
     marker
 }
 

@@ -12,6 +12,7 @@ import { MapView } from "./map_view.js";
 import { ObjectInfo } from "./object_info.js";
 import { ObjectList } from "./object_list.js";
 import { Picture } from "./picture.js";
+import { Words } from "./words.js";
 
 /** Answer to each message. The server sends no more than three without one. */
 const SHOWN = "shown";
@@ -32,11 +33,13 @@ class LivePage {
   #map = null;
   #selected = 0;
   #url = null;
+  #socket = null;
   /** Lines about the run, and about the newest frame. */
   #notes = [];
   #lines = [];
   #crops = new LiveCrops();
   #list = new ObjectList([], { pick: (id) => this.#select(id === this.#selected ? 0 : id) });
+  #words = new Words((ids) => this.#list.showFound(ids));
   #info = new ObjectInfo(this.#run, { center: (id) => this.#map?.center(id) });
   #picture = new Picture({
     nameOf: (id) => nameOf(id, this.#run.byId.get(id)),
@@ -66,6 +69,7 @@ class LivePage {
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     const socket = new WebSocket(url);
     socket.binaryType = "arraybuffer";
+    this.#socket = socket;
     let next = pause;
     let silence = 0;
     const listen = () => {
@@ -97,6 +101,8 @@ class LivePage {
     if (typeof data !== "string") return this.#showFrame(data);
     const message = JSON.parse(data);
     const show = { hello: () => this.#greet(message), status: () => this.#showStatus(message) };
+    show.found = () => this.#words.showFound(message);
+    show.named = () => this.#words.showNamed(message);
     show.objects = () => this.#showObjects(message.objects);
     show.map = () => this.#showMap(message);
     return show[message.kind]?.();
@@ -106,6 +112,8 @@ class LivePage {
     // Another run: nothing of the earlier one holds.
     if (this.#run.session && this.#run.session !== message.session) return location.reload();
     this.#run.greet(message);
+    const ask = (request) => this.#socket.readyState === WebSocket.OPEN && this.#socket.send(JSON.stringify(request));
+    this.#words.answeredBy(message.answers ? ask : null);
     document.title = `${message.scene || "live"} – splatseg`;
     byElementId("scene").textContent = message.scene || "splatseg";
     byElementId("facts").textContent = `splatseg ${message.version}`;
@@ -194,6 +202,7 @@ class LivePage {
     document.documentElement.dataset.object = String(id);
     this.#list.mark(id);
     this.#info.show(id);
+    this.#words.select(id, this.#run.byId.get(id));
     this.#picture.mark(id);
     this.#map?.mark(id);
   }

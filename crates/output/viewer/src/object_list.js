@@ -17,6 +17,8 @@ export class ObjectList {
   #present = document.getElementById("present");
   #rows = new Map();
   #ids = new Set();
+  /** The objects that the program has found for the text of the filter. */
+  #found = new Set();
   #selected = 0;
   #actions;
 
@@ -60,6 +62,12 @@ export class ObjectList {
     this.#show();
   }
 
+  /** Shows these objects besides those that the filter finds. */
+  showFound(ids) {
+    this.#found = new Set(ids);
+    this.#show();
+  }
+
   /** Highlights an object, or none, and scrolls to it. */
   mark(id) {
     this.#button(this.#selected)?.setAttribute("aria-pressed", "false");
@@ -89,7 +97,7 @@ export class ObjectList {
   /** True if the text that is looked for fits an object. */
   #isFound({ id, label }) {
     const wanted = this.#filter.value.trim().replace(/^#/, "").toLowerCase();
-    return String(id).startsWith(wanted) || (label ?? "").toLowerCase().includes(wanted);
+    return String(id).startsWith(wanted) || (label ?? "").toLowerCase().includes(wanted) || this.#found.has(id);
   }
 
   #show() {

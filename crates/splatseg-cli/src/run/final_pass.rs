@@ -20,7 +20,8 @@ use splatseg::Pipeline;
 use splatseg::summary::needs_rgb;
 use splatseg_dataset::{FrameStream, GroundTruth, Scene, StreamedFrame};
 use splatseg_geometry::{FrameAnchor, SegmentId};
-use splatseg_objects::{KeptViews, ObjectLog, RemapLog};
+use splatseg_objects::{KeptViews, ObjectLog, RemapLog, ViewedFrame};
+use splatseg_odometry::PoseState;
 use splatseg_output::{ChangesSince, FrameRecord, ObjectsFile, OutputError, ResultFolder, RunEnd, RunOutput};
 use splatseg_tracking::{FrameOutput, Hindsight, TrackingError};
 use std::collections::BTreeSet;
@@ -195,7 +196,8 @@ fn write(
     let objects = decided.objects.record(&output);
     decided.ids.extend(objects.iter().map(|object| object.id));
     if let Some(views) = &mut decided.views {
-        views.record(frame.color(), &output.segments, &objects);
+        let known = (place.pose_state != PoseState::Lost).then(|| frame.world_from_camera());
+        views.record(&ViewedFrame::new(&frame, &output.segments, known), &objects);
     }
     decided.rgb_id_images += usize::from(needs_rgb(&objects));
     let record = FrameRecord {

@@ -65,6 +65,12 @@ impl ClipNames {
         self
     }
 
+    /// Replaces the vocabulary.
+    #[must_use]
+    pub fn with_vocabulary(self, vocabulary: Vocabulary) -> Self {
+        Self { min_score: self.min_score, ..Self::new(self.network, vocabulary) }
+    }
+
     /// The network.
     pub const fn network(&self) -> &ClipNetwork {
         &self.network
@@ -75,16 +81,25 @@ impl ClipNames {
         &self.vocabulary
     }
 
-    /// The embedding of an object from views of it, each with its weight: the mean of those of two crops of each view,
-    /// with its surroundings as they are and dimmed.
+    /// The embedding of an object from views of it, the best first, each with its weight: the mean of those of the crops of
+    /// each view with the surroundings dimmed and, of the best, also as they are.
     ///
     /// # Errors
     /// [`ClipError::NotFinite`].
     pub fn embed_views(&self, views: &[(&ObjectView, f64)]) -> Result<Vec<f32>, ClipError> {
         let side = self.network.config().image_size;
-        let crops: Vec<_> = views.iter().flat_map(|(view, _)| crops(view, side)).collect();
-        let embeddings = self.network.embed_images(&crops)?;
-        let weights = views.iter().flat_map(|(_, weight)| [*weight; 2]);
+        let (mut seen, mut weights) = (Vec::new(), Vec::new());
+        for (view, weight) in views {
+            let [whole, dimmed] = crops(view, side);
+            if seen.is_empty() {
+                seen.extend([whole, dimmed]);
+                weights.extend([0.5 * weight; 2]);
+            } else {
+                seen.push(dimmed);
+                weights.push(*weight);
+            }
+        }
+        let embeddings = self.network.embed_images(&seen)?;
         Ok(weighted_mean(embeddings.iter().map(Vec::as_slice).zip(weights)))
     }
 

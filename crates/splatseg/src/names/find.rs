@@ -5,7 +5,7 @@ use super::query::{AskedSize, Query};
 use super::vocabulary::Vocabulary;
 use serde::Serialize;
 use splatseg_geometry::SegmentId;
-use splatseg_objects::{NameError, Object, ObjectList, ObjectNames};
+use splatseg_objects::{LabelScore, NameError, Object, ObjectList, ObjectNames, ObjectState};
 
 /// Objects whose score is less than this share of the best are left out.
 const MIN_SHARE: f32 = 0.25;
@@ -63,6 +63,14 @@ pub fn find_objects(
         for (found, object) in &mut found {
             found.score *= query.color_fit(object.color);
             found.by.push("color");
+        }
+    }
+    // A label may have words for colours and sizes in it.
+    let whole = Synonyms::new(&query.text.to_lowercase(), network.map(ClipNames::vocabulary));
+    for (found, object) in &mut found {
+        let label = object.label.as_deref().map_or(0.0, |label| whole.fit_label(label));
+        if label > found.score || label >= 1.0 {
+            (found.score, found.by) = (label, vec!["label"]);
         }
     }
     found.retain(|(found, _)| found.score >= MIN_SCORE);
@@ -124,36 +132,56 @@ fn rank_by_size(found: &mut [(FoundObject, &Object)], size: AskedSize) {
 
 /// A text and the labels for which it stands.
 struct Synonyms {
-    thing: String,
+    /// The text, then what it may be the plural of.
+    words: Vec<String>,
     labels: Vec<String>,
 }
 
 impl Synonyms {
     fn new(thing: &str, own: Option<&Vocabulary>) -> Self {
         let built_in = Vocabulary::built_in();
-        let singular = thing.strip_suffix('s').unwrap_or(thing);
+        let words = with_singulars(thing);
         let vocabularies = own.into_iter().chain([&built_in]);
-        let labels = vocabularies.flat_map(|vocabulary| {
-            [thing, singular].into_iter().flat_map(|word| vocabulary.labels_of(word)).map(str::to_lowercase)
-        });
-        Self { thing: thing.to_owned(), labels: labels.collect() }
+        let of = |vocabulary: &Vocabulary| -> Vec<String> {
+            words.iter().flat_map(|word| vocabulary.labels_of(word)).map(str::to_lowercase).collect()
+        };
+        let labels = vocabularies.flat_map(of).collect();
+        Self { words, labels }
     }
 
     /// How well the labels of an object fit, 0 to 1.
     fn fit(&self, object: &Object) -> f32 {
-        let fit = |label: &str| {
-            let label = label.to_lowercase();
-            let singular = self.thing.strip_suffix('s').unwrap_or(&self.thing);
-            if label == self.thing || label == singular || self.labels.contains(&label) {
-                1.0
-            } else if label.contains(self.thing.as_str()) {
-                PART_OF_LABEL
-            } else {
-                0.0
-            }
-        };
-        let own = object.label.as_deref().map_or(0.0, fit);
-        let other = |other: &splatseg_objects::LabelScore| ALTERNATIVE * fit(&other.label);
+        let own = object.label.as_deref().map_or(0.0, |label| self.fit_label(label));
+        let other = |other: &LabelScore| ALTERNATIVE * self.fit_label(&other.label);
         object.label_alternatives.iter().map(other).fold(own, f32::max)
     }
+
+    /// True if a label contains the text, or has a singular of it among its words.
+    fn is_part_of(&self, label: &str) -> bool {
+        let Some((text, singulars)) = self.words.split_first().filter(|(text, _)| !text.is_empty()) else {
+            return false;
+        };
+        label.contains(text) || singulars.iter().any(|word| label.split(' ').any(|part| part == word))
+    }
+
+    fn fit_label(&self, label: &str) -> f32 {
+        let label = label.to_lowercase();
+        if self.words.contains(&label) || self.labels.contains(&label) {
+            1.0
+        } else if self.is_part_of(&label) {
+            PART_OF_LABEL
+        } else {
+            0.0
+        }
+    }
+}
+
+/// A text and the words whose plural it may be: `boxes`, `shelves`, `mugs`, `batteries`.
+fn with_singulars(text: &str) -> Vec<String> {
+    let endings = [("s", ""), ("es", ""), ("ies", "y"), ("ves", "f"), ("ves", "fe")];
+    let singular = |(plural, singular): (&str, &str)| {
+        let stem = text.strip_suffix(plural).filter(|stem| stem.len() > 1)?;
+        Some(format!("{stem}{singular}"))
+    };
+    std::iter::once(text.to_owned()).chain(endings.into_iter().filter_map(singular)).collect()
 }

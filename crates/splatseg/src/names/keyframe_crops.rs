@@ -3,11 +3,11 @@
 
 use splatseg_geometry::{Image, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::SplatMemory;
-use splatseg_objects::{BoundingBox, KeptViews, ObjectSighting};
+use splatseg_objects::{BoundingBox, KeptViews, ObjectSighting, ViewedFrame};
 use splatseg_odometry::{KeyframeView, PoseSourceError, keyframe_views};
 use std::collections::BTreeMap;
 
-/// The best view of each object of a map among its keyframes, whose images have at most 320 x 320 pixels; none of a map of
+/// The best views of each object of a map among its keyframes, whose images have at most 320 x 320 pixels; none of a map of
 /// an earlier version, whose keyframes have no colour. `keyframes` are the bytes that the map was saved with.
 ///
 /// # Errors
@@ -20,7 +20,14 @@ pub fn views_from_keyframes(memory: &SplatMemory, keyframes: &[u8]) -> Result<Ke
         let larger = Image::from_fn(color.width(), color.height(), |column, row| {
             ids[(column * ids.width() / color.width(), row * ids.height() / color.height())]
         });
-        views.record(&color, &larger, &sightings(&larger, number));
+        let frame = ViewedFrame {
+            color: &color,
+            segments: &larger,
+            depth: &view.depth,
+            intrinsics: &view.intrinsics,
+            world_from_camera: Some(&view.world_from_camera),
+        };
+        views.record(&frame, &sightings(&larger, number));
     }
     Ok(views)
 }

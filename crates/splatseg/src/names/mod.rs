@@ -6,7 +6,7 @@
 //! | `crops.rs` | what the network sees of a view |
 //! | `label_choice.rs` | from similarities to labels: scores standardised over the objects of a map |
 //! | `clip_names.rs` | the network with its vocabulary |
-//! | `namer.rs` | the namer `clip` of the settings |
+//! | `namer.rs` | the network as a namer: `clip` of the settings |
 //! | `keyframe_crops.rs` | views of the objects of a saved map, from its keyframes |
 //! | `find.rs`, `query.rs` | objects found by label, picture, colour and size |
 //!

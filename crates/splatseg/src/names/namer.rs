@@ -6,12 +6,16 @@ use splatseg_geometry::SegmentId;
 use splatseg_objects::ObjectName;
 use splatseg_settings::{Allowed, settings};
 use std::error::Error;
+use std::sync::Arc;
 
 settings! {
     /// Settings of the namer `clip`.
     pub struct ClipNamerSettings in "clip" {
         /// Least probability of a label: an object without such a label has none. Smaller: more labels, and more wrong ones.
         min_score: f64 = ClipNames::MIN_SCORE, Allowed::between(0.0, 1.0);
+        /// Share of all cores that naming may take while the frames of a live session are processed; the rest is named when the
+        /// frames pause or have ended. 0: all is named when they have ended.
+        cpu_share: f64 = 0.1, Allowed::between(0.0, 1.0);
     }
 }
 
@@ -43,19 +47,24 @@ impl PartSection<dyn Namer> for ClipNamerSettings {
     fn build(&self, files: &PartFiles, _: &PartContext<'_>) -> Result<Box<dyn Namer>, PartError> {
         let other = |source: NamesError| PartError::Other { name: "names".to_owned(), source: Box::new(source) };
         let names = ClipNames::open(files.required(&NAMES)?, files.get(&VOCABULARY)).map_err(other)?;
-        Ok(Box::new(ClipNamer(names.with_min_score(self.min_score))))
+        let names = Arc::new(names.with_min_score(self.min_score));
+        Ok(Box::new(ClipNamer { names, cpu_share: self.cpu_share }))
     }
 }
 
-struct ClipNamer(ClipNames);
+/// A network with its share of the CPU.
+struct ClipNamer {
+    names: Arc<ClipNames>,
+    cpu_share: f64,
+}
 
-impl Namer for ClipNamer {
+impl Namer for Arc<ClipNames> {
     fn name(&self) -> &str {
         "clip"
     }
 
     fn name_object(&mut self, object: ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>> {
-        let embedding = self.0.embed_views(&[(object.view, 1.0)])?;
+        let embedding = self.embed_views(object.views)?;
         Ok(ObjectName { embedding, ..ObjectName::default() })
     }
 
@@ -64,11 +73,40 @@ impl Namer for ClipNamer {
         objects: &[(SegmentId, &[f32])],
     ) -> Result<Vec<(SegmentId, ObjectName)>, Box<dyn Error + Send + Sync>> {
         let embeddings: Vec<&[f32]> = objects.iter().map(|(_, embedding)| *embedding).collect();
-        let labels = self.0.choose_labels(&embeddings)?;
+        let labels = self.choose_labels(&embeddings)?;
         Ok(objects.iter().map(|(id, _)| *id).zip(labels).collect())
     }
 
-    fn is_slow(&self) -> bool {
-        true
+    fn cpu_share(&self) -> Option<f64> {
+        Some(ClipNamerSettings::default().cpu_share)
+    }
+
+    fn network(&self) -> Option<Arc<ClipNames>> {
+        Some(Self::clone(self))
+    }
+}
+
+impl Namer for ClipNamer {
+    fn name(&self) -> &str {
+        "clip"
+    }
+
+    fn name_object(&mut self, object: ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>> {
+        self.names.name_object(object)
+    }
+
+    fn label_objects(
+        &mut self,
+        objects: &[(SegmentId, &[f32])],
+    ) -> Result<Vec<(SegmentId, ObjectName)>, Box<dyn Error + Send + Sync>> {
+        self.names.label_objects(objects)
+    }
+
+    fn cpu_share(&self) -> Option<f64> {
+        Some(self.cpu_share)
+    }
+
+    fn network(&self) -> Option<Arc<ClipNames>> {
+        Some(Arc::clone(&self.names))
     }
 }

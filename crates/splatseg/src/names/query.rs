@@ -28,9 +28,30 @@ const COLORS: [(&str, [u8; 3]); 22] = [
 const SMALL: [&str; 7] = ["small", "smaller", "smallest", "little", "tiny", "short", "low"];
 const LARGE: [&str; 9] = ["large", "larger", "largest", "big", "bigger", "biggest", "huge", "tall", "high"];
 /// Words that say nothing about which object is meant.
-const FILLERS: [&str; 22] = [
-    "a", "an", "the", "one", "ones", "thing", "things", "object", "objects", "my", "our", "is", "are", "where", "find",
-    "of", "that", "this", "some", "all", "coloured", "colored",
+const FILLERS: [&str; 23] = [
+    "a",
+    "an",
+    "the",
+    "one",
+    "ones",
+    "thing",
+    "things",
+    "something",
+    "object",
+    "objects",
+    "my",
+    "our",
+    "is",
+    "are",
+    "where",
+    "find",
+    "of",
+    "that",
+    "this",
+    "some",
+    "all",
+    "coloured",
+    "colored",
 ];
 
 /// A size that is asked for.

@@ -69,8 +69,12 @@ impl Vocabulary {
         let io = |source| VocabularyError::Io { path: path.to_owned(), source };
         let bytes = read_file(path, MAX_BYTES).map_err(io)?;
         let text = text_of(bytes).map_err(|error| io(io::Error::new(io::ErrorKind::InvalidData, error)))?;
+        Self::parse(text.lines(), path)
+    }
+
+    fn parse<'t>(lines: impl Iterator<Item = &'t str>, path: &Path) -> Result<Self, VocabularyError> {
         let mut words: Vec<Vec<String>> = Vec::new();
-        for (index, line) in text.lines().enumerate() {
+        for (index, line) in lines.enumerate() {
             let Some(found) = words_of(line) else { continue };
             check(&found).map_err(|(found, expected)| VocabularyError::Line {
                 path: path.to_owned(),
@@ -90,6 +94,15 @@ impl Vocabulary {
             1..=MAX_LABELS => Ok(Self { words }),
             found => Err(VocabularyError::Size { path: path.to_owned(), found }),
         }
+    }
+
+    /// A vocabulary of these lines: each has a label, then other words for it, with commas between.
+    ///
+    /// # Errors
+    /// [`VocabularyError`]: there are no lines or too many, or one is too long.
+    pub fn of(lines: impl IntoIterator<Item = String>) -> Result<Self, VocabularyError> {
+        let lines: Vec<String> = lines.into_iter().collect();
+        Self::parse(lines.iter().map(String::as_str), Path::new("vocabulary"))
     }
 
     /// Number of labels.

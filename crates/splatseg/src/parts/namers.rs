@@ -2,33 +2,38 @@
 
 use super::requirements::{Registry, choice};
 use super::{Part, PartKind, PartSettings, PartTable};
-use crate::names::ClipNamerSettings;
+use crate::names::{ClipNamerSettings, ClipNames};
 use splatseg_geometry::SegmentId;
 use splatseg_objects::{Object, ObjectName, ObjectView};
 use splatseg_settings::SettingError;
 use std::error::Error;
+use std::sync::Arc;
 use toml::Table;
 
 /// An object to be named.
 #[derive(Clone, Copy, Debug)]
 pub struct ObjectToName<'a> {
-    /// Its id, its present label, and its shape if it is known; without best view and confidence.
+    /// Its id, its present label, and its shape if it is known; without best view and confidence. Beside the frames, only id
+    /// and label are known.
     pub object: &'a Object,
     /// Its best view, with sides of at most [`KeptViews::MAX_SIDE`](splatseg_objects::KeptViews::MAX_SIDE) pixels.
     pub view: &'a ObjectView,
+    /// A few views, the best first, then those that show the most other surface, each with its weight, as of
+    /// [`KeptViews::views`](splatseg_objects::KeptViews::views).
+    pub views: &'a [(&'a ObjectView, f64)],
 }
 
 /// Names objects, e.g. with a network for images and words.
 ///
 /// A pipeline whose settings choose one names objects as [`Pipeline::name_objects`](crate::Pipeline::name_objects) does:
-/// after every frame or, with a namer that is [slow](Self::is_slow), when the program calls
+/// after every frame or, with a namer that is [slow](Self::cpu_share), beside the frames and when the program calls
 /// [`Pipeline::finish_names`](crate::Pipeline::finish_names).
 pub trait Namer: Send {
     /// A short name for messages, e.g. `clip`.
     fn name(&self) -> &str;
 
     /// Returns an object's label, its embedding, both or neither. It is asked about each object without a name, and
-    /// again once the object's best view has become clearly better.
+    /// again once the object's best views have become clearly better.
     ///
     /// # Errors
     /// Ends the run. Return a name without label and embedding for an object that is not recognised.
@@ -47,9 +52,17 @@ pub trait Namer: Send {
         Ok(Vec::new())
     }
 
-    /// True if naming an object takes longer than a frame may: it is then done when the frames have ended.
-    fn is_slow(&self) -> bool {
-        false
+    /// `None` for a namer that is fast enough to be asked after every frame. Otherwise the share of all cores that it may take
+    /// beside the frames, 0 to 1: it is then asked on a thread of its own, in programs that call
+    /// [`Pipeline::name_beside_frames`](crate::Pipeline::name_beside_frames), and about all that is left when the frames
+    /// have ended.
+    fn cpu_share(&self) -> Option<f64> {
+        None
+    }
+
+    /// The network for images and words that it uses, for texts that are compared with objects.
+    fn network(&self) -> Option<Arc<ClipNames>> {
+        None
     }
 }
 

@@ -145,7 +145,8 @@ impl<'a> PipelineBuilder<'a> {
         self
     }
 
-    /// Keeps the best view of each object, for [`Pipeline::name_objects`]: at most 224 × 224 pixels each, and 64 MiB in all.
+    /// Keeps up to four views of each object, for [`Pipeline::name_objects`]: at most 224 × 224 pixels each, and 64 MiB in
+    /// all.
     #[must_use]
     pub fn keep_views(mut self) -> Self {
         self.names.views = Some(KeptViews::default());
@@ -188,7 +189,8 @@ impl<'a> PipelineBuilder<'a> {
             None => self.make_method()?,
         };
         if let Some(namer) = &self.settings.namer {
-            self.names.namer = Some(namer.build(&self.context())?);
+            let namer = namer.build(&self.context())?;
+            self.names.set_namer(namer);
             self = self.keep_views();
         }
         let mut poses = self.poses.take().unwrap_or_else(|| Box::new(self.tracked_poses()));

@@ -13,6 +13,7 @@ mod kept_names;
 mod late;
 mod named_map;
 mod naming;
+mod naming_beside;
 mod rotate;
 mod stage_times;
 mod stages;

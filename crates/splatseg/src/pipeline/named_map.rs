@@ -60,10 +60,10 @@ impl NamedMap {
         self.names.keep_by_hand();
         let mut count = 0;
         for id in carried {
-            let Some((view, score)) = views.view(id) else { continue };
+            let Some(score) = views.score(id) else { continue };
             let failed =
                 |source: NamesError| PipelineError::MapNames { path: path.to_owned(), source: Box::new(source) };
-            let embedding = network.embed_views(&[(view, 1.0)]).map_err(|error| failed(error.into()))?;
+            let embedding = network.embed_views(&views.views(id)).map_err(|error| failed(error.into()))?;
             let name = ObjectName { embedding, ..ObjectName::default() };
             self.names.set(id, name, score).map_err(|error| failed(error.into()))?;
             count += 1;

@@ -150,7 +150,7 @@ impl Pipeline {
         if !recognised.is_empty() {
             self.names.remap(recognised);
         }
-        self.names.record(&frame.whole, &result.output, &result.objects);
+        self.names.record(&frame.whole, &result);
         if self.names.namer.is_some() {
             let (named, time) = timed(|| self.name_after_frame());
             named.map_err(|source| PipelineError::Namer { frame: frame.whole.name().to_owned(), source })?;

@@ -5,6 +5,8 @@ mod lost_camera;
 mod method_preset;
 mod names;
 mod registered_parts;
+mod tiny_clip;
 mod turned_frames;
+mod views_by_surface;
 mod words;
 mod working_pixels;

@@ -1,8 +1,7 @@
 //! Things on a wall get names from a tiny network for images and words, which knows shapes and colours: it was trained with
 //! `training/splatseg_training/words.py`.
 
-use safetensors::SafeTensors;
-use safetensors::tensor::{Dtype, TensorView, serialize_to_file};
+use crate::tiny_clip::{write_network, write_vocabulary};
 use splatseg::names::{ClipNames, Query, find_objects};
 use splatseg::pipeline::{NamedMap, PipelineError};
 use splatseg::segmenter::SegmenterError;
@@ -12,8 +11,10 @@ use splatseg::{
     Settings,
 };
 use splatseg_geometry::RemappedId;
+use splatseg_objects::ObjectNames;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 const FRAMES: usize = 6;
@@ -104,10 +105,7 @@ impl Files {
     fn new() -> Self {
         let files = Self(tempfile::tempdir().unwrap());
         write_network(&files.network());
-        let shapes = ["ball", "box", "cone"];
-        let colors = ["red", "yellow", "green", "blue", "white", "black"];
-        let labels = shapes.iter().flat_map(|shape| colors.iter().map(move |color| format!("{color} {shape}\n")));
-        std::fs::write(files.vocabulary(), labels.collect::<String>()).unwrap();
+        write_vocabulary(&files.vocabulary(), &[]);
         files
     }
 
@@ -128,29 +126,16 @@ impl Files {
     }
 
     fn settings(&self) -> Settings {
+        self.layers().resolve().unwrap()
+    }
+
+    fn layers(&self) -> SettingsLayers {
         let mut layers = SettingsLayers::default();
         layers.add_assignment("namer=clip").unwrap();
         layers.add_assignment(&format!("names={}", self.network().display())).unwrap();
         layers.add_assignment(&format!("vocabulary={}", self.vocabulary().display())).unwrap();
-        layers.resolve().unwrap()
+        layers
     }
-}
-
-/// The network with all rows of its token embedding, of which the file has those that are used.
-fn write_network(path: &Path) {
-    let bytes = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tiny_clip.safetensors")).unwrap();
-    let (_, metadata) = SafeTensors::read_metadata(&bytes).unwrap();
-    let tensors = SafeTensors::deserialize(&bytes).unwrap();
-    let (rows, used) = (tensors.tensor("token_embedding.rows").unwrap(), tensors.tensor("token_rows").unwrap());
-    let row_bytes = rows.data().len() / rows.shape()[0];
-    let mut embedding = vec![0; 49408 * row_bytes];
-    for (number, row) in used.data().as_chunks::<4>().0.iter().zip(rows.data().chunks_exact(row_bytes)) {
-        embedding[u32::from_le_bytes(*number) as usize * row_bytes..][..row_bytes].copy_from_slice(row);
-    }
-    let whole = TensorView::new(Dtype::F16, vec![49408, rows.shape()[1]], &embedding).unwrap();
-    let others = tensors.tensors().into_iter().filter(|(name, _)| !name.contains("_rows") && !name.ends_with(".rows"));
-    let all = others.chain([("token_embedding.weight".to_owned(), whole)]);
-    serialize_to_file(all, metadata.metadata().clone(), path).unwrap();
 }
 
 fn run(settings: &Settings) -> Result<Pipeline, PipelineError> {
@@ -228,6 +213,125 @@ fn things_are_found_by_words() {
     assert_eq!(first("red ball", None), Some(ids["red ball"]));
     assert_eq!(first("where is the cone? the green one", None), Some(ids["green cone"]));
     assert_eq!(first("piano", None), None);
+}
+
+/// Texts, and the things that each may mean.
+const QUERIES: [(&str, &[&str]); 20] = [
+    ("red ball", &["red ball"]),
+    ("blue box", &["blue box"]),
+    ("green cone", &["green cone"]),
+    ("yellow ball", &["yellow ball"]),
+    ("white box", &["white box"]),
+    ("black cone", &["black cone"]),
+    ("blue ball", &["blue ball"]),
+    ("Where is the red box?", &["red box"]),
+    ("the green one", &["green cone"]),
+    ("find the yellow thing", &["yellow ball"]),
+    ("something black", &["black cone"]),
+    ("the white object", &["white box"]),
+    ("a ball that is blue", &["blue ball"]),
+    ("the small red one", &["red box"]),
+    ("the big red one", &["red ball"]),
+    ("cone", &["green cone", "black cone"]),
+    ("boxes", &["blue box", "white box", "red box"]),
+    ("my ball", &["red ball", "yellow ball", "blue ball"]),
+    ("the large blue ball", &["blue ball"]),
+    ("small box", &["red box"]),
+];
+
+#[test]
+fn most_of_twenty_queries_find_the_right_thing_first() {
+    let files = Files::new();
+    let mut pipeline = run(&files.settings()).unwrap();
+    let ids = ids(&mut pipeline);
+    pipeline.finish_names().unwrap();
+    let (list, network) = (pipeline.object_list(), pipeline.names_network().unwrap());
+    let wrong = |network: Option<&ClipNames>| -> Vec<&str> {
+        let is_wrong = |(text, meant): &(&'static str, &[&str])| {
+            let found = find_objects(&Query::new(text), &list, pipeline.names(), network).unwrap();
+            let first = found.first().map(|found| found.id);
+            (!meant.iter().any(|thing| first == Some(ids[thing]))).then_some(*text)
+        };
+        QUERIES.iter().filter_map(is_wrong).collect()
+    };
+    let (with, without) = (wrong(Some(&network)), wrong(None));
+    println!("wrong of {}: {with:?} with the network, {without:?} by labels, colours and sizes", QUERIES.len());
+    assert!(with.len() <= 3 && without.len() <= 3, "{with:?}, {without:?}");
+    let nothing = find_objects(&Query::new("piano"), &list, pipeline.names(), None).unwrap();
+    assert!(nothing.is_empty(), "{nothing:?}");
+}
+
+#[test]
+fn things_are_named_beside_the_frames() {
+    let files = Files::new();
+    let mut pipeline = Pipeline::builder(&files.settings()).segmenter(Box::new(TrueMasks)).build().unwrap();
+    pipeline.name_beside_frames().unwrap();
+    for number in 0..FRAMES {
+        pipeline.step(&frame(number)).unwrap();
+    }
+    // The camera rests.
+    let started = Instant::now();
+    while pipeline.names().labels().count() < THINGS.len() - 1 && started.elapsed() < Duration::from_secs(15) {
+        pipeline.name_while_idle();
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let ids = ids(&mut pipeline);
+    let found = right(&ids, |id| pipeline.names().label(id).map(str::to_owned));
+    assert!(found >= THINGS.len() - 2, "{found}: {:?}", pipeline.names().labels().collect::<Vec<_>>());
+    // A label given by hand meanwhile stays, and the end names the rest.
+    pipeline.name_by_hand(ids["red ball"], Some("apple")).unwrap();
+    pipeline.finish_names().unwrap();
+    assert_eq!(pipeline.names().label(ids["red ball"]), Some("apple"));
+    let found = right(&ids, |id| pipeline.names().label(id).map(str::to_owned));
+    assert!(found >= THINGS.len() - 2, "{found}");
+    assert_eq!(pipeline.finish_names().unwrap(), 0);
+}
+
+#[test]
+fn a_share_of_nothing_leaves_all_names_to_the_end() {
+    let files = Files::new();
+    let mut layers = files.layers();
+    layers.add_assignment("clip.cpu_share=0").unwrap();
+    let settings = layers.resolve().unwrap();
+    let mut pipeline = Pipeline::builder(&settings).segmenter(Box::new(TrueMasks)).build().unwrap();
+    pipeline.name_beside_frames().unwrap();
+    pipeline.step(&frame(0)).unwrap();
+    assert!(!pipeline.name_while_idle());
+    assert!(pipeline.names().is_empty() && pipeline.finish_names().unwrap() >= THINGS.len());
+}
+
+#[test]
+fn names_go_on_in_a_later_run_with_the_map() {
+    let files = Files::new();
+    let mut pipeline = run(&files.settings()).unwrap();
+    let before = ids(&mut pipeline);
+    pipeline.finish_names().unwrap();
+    pipeline.name_by_hand(before["blue ball"], Some("earth")).unwrap();
+    pipeline.save_memory(files.map()).unwrap();
+    let names = pipeline.names().clone();
+
+    // The same frames show nothing better, so every name stays as it is.
+    let settings = files.settings();
+    let again = Pipeline::builder(&settings).segmenter(Box::new(TrueMasks)).saved_memory(files.map());
+    let mut again = again.build().unwrap();
+    for number in 0..FRAMES {
+        again.step(&frame(number)).unwrap();
+    }
+    let after = ids(&mut again);
+    assert_eq!(after, before);
+    again.finish_names().unwrap();
+    for id in before.values() {
+        assert_eq!(again.names().name(*id).map(|name| &name.label), names.name(*id).map(|name| &name.label));
+    }
+    assert_eq!(again.names().label(after["blue ball"]), Some("earth"));
+
+    // Two ids that turn out to be one thing have one name, that of the person.
+    let remapped = [RemappedId { from: before["red ball"], into: before["blue ball"] }];
+    let mut joined = names.clone();
+    joined.remap(&remapped);
+    let saved = ObjectNames::from_bytes(&joined.to_bytes()).unwrap();
+    assert!(saved == joined);
+    assert_eq!((saved.label(before["blue ball"]), saved.label(before["red ball"])), (Some("earth"), None));
 }
 
 #[test]

@@ -1,14 +1,15 @@
 //! The messages of the page, as its script reads them.
 
-use crate::client::{CLOSE, WebSocket, frame, pose_at, start, wait_until};
+use crate::client::{CLOSE, TEXT, WebSocket, frame, pose_at, start, wait_until};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 use splatseg_geometry::SegmentId;
 use splatseg_memory::{MemorySettings, SplatMemory};
 use splatseg_test_scenes::recording;
-use splatseg_view::{ViewFrame, ViewLimits, ViewServer};
+use splatseg_view::{ViewAnswer, ViewFrame, ViewLimits, ViewRequest, ViewServer};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 fn number(value: &Value) -> usize {
@@ -193,4 +194,34 @@ fn the_end_of_the_session_is_told() {
     let farewell = std::iter::from_fn(|| page.receive()).find(|(kind, _)| *kind == CLOSE).unwrap().1;
     // The code of a normal end (RFC 6455, section 7.4.1): the page does not try to connect again.
     assert_eq!(farewell[..2], 1000_u16.to_be_bytes());
+}
+
+#[test]
+fn viewers_find_objects_and_name_them_if_the_program_answers() {
+    let server = start(ViewLimits::default());
+    let mut deaf = watched(&server);
+    assert_eq!(deaf.page_message("hello").unwrap().0["answers"], json!(false));
+    server.answer_with(Arc::new(|request| match request {
+        ViewRequest::Find(text) if text == "mug" => Ok(ViewAnswer::Found(vec![(7, 0.5), (3, 0.25)])),
+        ViewRequest::Find(_) => Err("no names".to_owned()),
+        ViewRequest::Name(..) => Ok(ViewAnswer::Named),
+    }));
+    let mut page = watched(&server);
+    assert_eq!(page.page_message("hello").unwrap().0["answers"], json!(true));
+    let mut ask = |text: &str, kind: &str| {
+        page.send(TEXT, text.as_bytes());
+        page.page_message(kind).unwrap().0
+    };
+    let found = ask(r#"{"ask": "find", "text": "mug"}"#, "found");
+    assert_eq!(found["objects"], json!([{ "id": 7, "score": 0.5 }, { "id": 3, "score": 0.25 }]));
+    assert_eq!((&found["text"], &found["error"]), (&json!("mug"), &json!(null)));
+    assert_eq!(ask(r#"{"ask": "find", "text": "x"}"#, "found")["error"], json!("no names"));
+    let named = ask(r#"{"ask": "name", "id": 7, "label": "mug"}"#, "named");
+    assert_eq!((&named["id"], &named["label"], &named["error"]), (&json!(7), &json!("mug"), &json!(null)));
+    // Nonsense is counted, and ends nothing.
+    let before = server.counts().bad_messages;
+    page.send(TEXT, br#"{"ask": "stop"}"#);
+    wait_until("nonsense is counted", || server.counts().bad_messages > before);
+    page.send(TEXT, br#"{"ask": "find", "text": "mug"}"#);
+    assert!(page.page_message("found").is_some());
 }

@@ -1,0 +1,248 @@
+//! Naming beside the frames: a thread of its own names one object at a time, and takes no more than its share of the CPU.
+//!
+//! There is no queue. When the thread is free, it gets the object seen last of those that need a name, with its views as they
+//! are then, so names are never about old views. The thread has the lowest priority, and a pool of threads of its own with
+//! itself in it, so that no part of a frame waits for it.
+
+use super::kept_names::SharedNamer;
+use crate::parts::ObjectToName;
+use splatseg_geometry::SegmentId;
+use splatseg_objects::{Object, ObjectName, ObjectView};
+use std::error::Error;
+use std::io;
+use std::sync::PoisonError;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::{Duration, Instant};
+
+/// Labels of all objects are chosen anew at most this often while there are objects to be named.
+const LABELS_INTERVAL: Duration = Duration::from_secs(2);
+
+/// An error of the namer.
+type NamerError = Box<dyn Error + Send + Sync>;
+
+/// What the thread is to do.
+pub(super) enum Job {
+    /// Name an object from its views, whose score together is the last number.
+    Object(Box<Object>, Vec<(ObjectView, f64)>, f64),
+    /// Choose labels for objects with these embeddings.
+    Labels(Vec<(SegmentId, Vec<f32>)>),
+}
+
+/// What the thread has done.
+pub(super) enum Named {
+    /// The name of an object, and the score of the views that it is from.
+    Object(SegmentId, ObjectName, f64),
+    /// Labels of objects.
+    Labels(Vec<(SegmentId, ObjectName)>),
+}
+
+/// The thread.
+pub(super) struct NamingBeside {
+    jobs: Sender<Job>,
+    done: Receiver<(Result<Named, NamerError>, Duration)>,
+    /// What it works on.
+    work: Option<Work>,
+    /// When it may be given the next job.
+    next: Instant,
+    /// When labels were last asked for.
+    labelled: Instant,
+    /// Rest after each second of work, seconds.
+    rest: f64,
+    /// Ends the thread, once the jobs have ended.
+    _pool: rayon::ThreadPool,
+}
+
+/// What a thread works on.
+#[derive(Clone, Copy, PartialEq)]
+enum Work {
+    Object(SegmentId),
+    /// The id has changed its meaning since.
+    ForNothing,
+    Labels,
+}
+
+impl NamingBeside {
+    /// Starts the thread. `share` is how much of the time of all cores it may take, 0 to 1.
+    ///
+    /// # Errors
+    /// If the system allows no more threads.
+    pub(super) fn start(namer: SharedNamer, share: f64) -> io::Result<Self> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(1)
+            .thread_name(|_| "splatseg-names".to_owned())
+            .start_handler(|_| lower_priority())
+            .build()
+            .map_err(io::Error::other)?;
+        let (jobs, to_do) = channel::<Job>();
+        let (send, done) = channel();
+        pool.spawn(move || {
+            for job in to_do {
+                let started = busy_time();
+                let named = carry_out(&namer, job);
+                // Whoever has asked may be gone.
+                if send.send((named, busy_time().saturating_sub(started))).is_err() {
+                    break;
+                }
+            }
+        });
+        let cores = std::thread::available_parallelism().map_or(1, usize::from) as f64;
+        let rest = (1.0 / (share * cores).max(1e-9) - 1.0).max(0.0);
+        let now = Instant::now();
+        Ok(Self { jobs, done, work: None, next: now, labelled: now, rest, _pool: pool })
+    }
+
+    /// Returns what the thread has done since the last call, if anything. With `wait`, it is waited for.
+    pub(super) fn take(&mut self, wait: bool) -> Option<Result<Named, NamerError>> {
+        let work = self.work?;
+        let done = if wait { self.done.recv().ok() } else { self.done.try_recv().ok() };
+        let (named, busy) = done?;
+        self.work = None;
+        let rest = Duration::try_from_secs_f64(busy.as_secs_f64() * self.rest).unwrap_or(Duration::MAX);
+        let now = Instant::now();
+        self.next = now.checked_add(rest).unwrap_or(now);
+        (work != Work::ForNothing || named.is_err()).then_some(named)
+    }
+
+    /// True if it may be given a job. It rests after each, unless the frames do.
+    pub(super) fn is_free(&self, is_idle: bool) -> bool {
+        self.work.is_none() && (is_idle || Instant::now() >= self.next)
+    }
+
+    /// True if labels were not asked for in the last seconds.
+    pub(super) fn is_time_for_labels(&self) -> bool {
+        self.labelled.elapsed() >= LABELS_INTERVAL
+    }
+
+    pub(super) fn give(&mut self, job: Job) {
+        self.work = Some(match &job {
+            Job::Object(object, ..) => Work::Object(object.id),
+            Job::Labels(_) => {
+                self.labelled = Instant::now();
+                Work::Labels
+            }
+        });
+        if self.jobs.send(job).is_err() {
+            self.work = None;
+        }
+    }
+
+    /// An id has another meaning from now on.
+    pub(super) fn forget(&mut self, id: SegmentId) {
+        if self.work == Some(Work::Object(id)) {
+            self.work = Some(Work::ForNothing);
+        }
+    }
+}
+
+fn carry_out(namer: &SharedNamer, job: Job) -> Result<Named, NamerError> {
+    let mut namer = namer.lock().unwrap_or_else(PoisonError::into_inner);
+    Ok(match job {
+        Job::Object(object, views, score) => {
+            let views: Vec<(&ObjectView, f64)> = views.iter().map(|(view, weight)| (view, *weight)).collect();
+            let Some((view, _)) = views.first() else { return Err("no view".into()) };
+            let name = namer.name_object(ObjectToName { object: &object, view, views: &views })?;
+            Named::Object(object.id, name, score)
+        }
+        Job::Labels(objects) => {
+            let objects: Vec<(SegmentId, &[f32])> =
+                objects.iter().map(|(id, embedding)| (*id, embedding.as_slice())).collect();
+            Named::Labels(namer.label_objects(&objects)?)
+        }
+    })
+}
+
+/// Lets all other threads go first.
+fn lower_priority() {
+    #[cfg(target_os = "linux")]
+    if let Err(error) = rustix::process::setpriority_process(Some(rustix::thread::gettid()), 19) {
+        tracing::debug!("the thread that names objects keeps its priority: {error}");
+    }
+}
+
+/// Time that this thread has used: of the CPU where that is known, otherwise by the clock.
+fn busy_time() -> Duration {
+    #[cfg(target_os = "linux")]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        let seconds = u64::try_from(time.tv_sec).unwrap_or(0);
+        Duration::new(seconds, u32::try_from(time.tv_nsec).unwrap_or(0))
+    }
+    #[cfg(not(target_os = "linux"))]
+    {
+        static START: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
+        START.get_or_init(Instant::now).elapsed()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parts::Namer;
+    use splatseg_geometry::Image;
+    use std::sync::{Arc, Mutex};
+
+    /// A namer that works for some time.
+    struct Busy(Duration);
+
+    impl Namer for Busy {
+        fn name(&self) -> &str {
+            "busy"
+        }
+
+        fn name_object(&mut self, object: ObjectToName<'_>) -> Result<ObjectName, NamerError> {
+            let started = busy_time();
+            while busy_time() - started < self.0 {
+                std::hint::spin_loop();
+            }
+            if object.object.id == 9 { Err("no words".into()) } else { Ok(ObjectName::by_hand("thing")) }
+        }
+    }
+
+    fn job(id: SegmentId) -> Job {
+        let view = ObjectView { image: Image::filled(2, 2, [9; 3]), mask: Image::filled(2, 2, true) };
+        Job::Object(Box::new(Object::unknown(id)), vec![(view, 1.0)], 4.0)
+    }
+
+    /// Jobs that are done in a time, if there is always another one.
+    fn jobs_in(time: Duration, share: f64, is_idle: bool) -> u32 {
+        let mut beside = NamingBeside::start(Arc::new(Mutex::new(Box::new(Busy(JOB)))), share).unwrap();
+        let (started, mut done) = (Instant::now(), 0);
+        while started.elapsed() < time {
+            done += u32::from(beside.take(false).is_some());
+            if beside.is_free(is_idle) {
+                beside.give(job(1));
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        done
+    }
+
+    const JOB: Duration = Duration::from_millis(10);
+
+    #[test]
+    fn the_share_of_the_cpu_is_kept_while_frames_come() {
+        let cores = std::thread::available_parallelism().map_or(1, usize::from) as f64;
+        let (time, share) = (Duration::from_secs(1), 0.05 / cores);
+        let beside = jobs_in(time, share, false);
+        // One twentieth of one core is 5 jobs of 10 ms in a second, besides the first.
+        assert!((1..=7).contains(&beside), "{beside}");
+        let idle = jobs_in(time, share, true);
+        assert!(idle > beside, "{idle}, {beside}");
+    }
+
+    #[test]
+    fn what_has_another_meaning_by_now_is_dropped_and_errors_are_not() {
+        let mut beside = NamingBeside::start(Arc::new(Mutex::new(Box::new(Busy(JOB)))), 1.0).unwrap();
+        assert!(beside.take(true).is_none(), "it has nothing to do");
+        beside.give(job(3));
+        assert!(!beside.is_free(true));
+        assert!(matches!(beside.take(true), Some(Ok(Named::Object(3, name, 4.0))) if name.label.is_some()));
+        beside.give(job(3));
+        beside.forget(4);
+        beside.forget(3);
+        assert!(beside.take(true).is_none());
+        beside.give(job(9));
+        beside.forget(9);
+        assert!(matches!(beside.take(true), Some(Err(error)) if error.to_string() == "no words"));
+    }
+}
