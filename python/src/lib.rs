@@ -27,7 +27,7 @@ mod _splatseg {
     #[pymodule_export]
     use super::live::Live;
     #[pymodule_export]
-    use super::pictures::{overlay_png, segment_color};
+    use super::pictures::{overlay, overlay_png, segment_color};
     #[pymodule_export]
     use super::pipeline::Pipeline;
     #[pymodule_export]
