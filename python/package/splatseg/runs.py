@@ -65,12 +65,12 @@ def run(
         raise TypeError("segmenter is a function: use FastSamSplat(segmenter=function).run(source)")
     elif segmenter is not None:
         settings["segmenter"] = segmenter
-    arguments = ["run", os.fspath(source), "--out", os.fspath(out)]
+    arguments = ["run", f"--out={os.fspath(out)}"]
     paths = {"--config": config, "--load-memory": load_memory, "--save-memory": save_memory}
     arguments += [f"{name}={os.fspath(path)}" for name, path in paths.items() if path is not None]
     arguments += ["--overwrite"] if overwrite else []
     arguments += [f"--set={key}={_text(value)}" for key, value in _flat(settings).items()]
-    _execute(arguments)
+    _execute([*arguments, "--", os.fspath(source)])
     return Run(Path(out), json.loads((Path(out) / "summary.json").read_text()))
 
 
