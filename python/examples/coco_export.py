@@ -7,12 +7,15 @@
 
 import json
 import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import splatseg as ss
+from numpy.typing import NDArray
 
 
-def run_lengths(mask):
+def run_lengths(mask: NDArray[np.bool_]) -> dict[str, Any]:
     """An uncompressed RLE: lengths of runs down the columns, starting with pixels outside the mask."""
     pixels = np.concatenate([[0], mask.ravel(order="F").astype(np.int8), [0]])
     changes = np.flatnonzero(np.diff(pixels))
@@ -21,13 +24,15 @@ def run_lengths(mask):
     return {"size": list(mask.shape), "counts": counts[: len(counts) - (counts[-1] == 0)].tolist()}
 
 
-def main(scene="synthetic:frames=6,width=96,height=72,objects=6", out="coco.json"):
+def main(scene: str = "synthetic:frames=6,width=96,height=72,objects=6", out: str | Path = "coco.json") -> None:
     pipeline = ss.FastSamSplat()
-    images, annotations = [], []
-    for number, frame in enumerate(ss.open_scene(scene), start=1):
-        result = pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=frame.camera_to_world)
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
+    for number, result in enumerate(pipeline.run(scene), start=1):
         height, width = result.ids.shape
-        images.append({"id": number, "file_name": f"{frame.name}.jpg", "width": width, "height": height, "video_id": 1})
+        images.append(
+            {"id": number, "file_name": f"{result.name}.jpg", "width": width, "height": height, "video_id": 1}
+        )
         for sighting, mask in zip(result.objects, result.masks, strict=True):
             annotations.append(
                 {

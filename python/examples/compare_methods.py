@@ -8,36 +8,41 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import splatseg as ss
+from numpy.typing import NDArray
 
 METHODS = ["fastsam-splat", "fastsam"]
 
 
-def save_ids(ids, path):
+def save_ids(ids: NDArray[np.uint32], path: Path) -> None:
     """Writes an id image in the format that `splatseg eval` reads."""
     from PIL import Image
 
     Image.fromarray(ids.astype("uint16")).save(path)
 
 
-def main(scene="synthetic:frames=20,width=96,height=72,objects=6", plot="methods.png"):
-    curves, scores = {}, {}
+def main(
+    scene: str = "synthetic:frames=20,width=96,height=72,objects=6", plot: str | Path = "methods.png"
+) -> dict[str, ss.Scores]:
+    curves: dict[str, list[int]] = {}
+    scores: dict[str, ss.Scores] = {}
     for method in METHODS:
         pipeline = ss.Pipeline(method)
-        seen, curves[method] = set(), []
+        seen: set[int] = set()
+        curves[method] = []
         with tempfile.TemporaryDirectory() as folder:
-            for frame in ss.open_scene(scene):
-                result = pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=frame.camera_to_world)
+            for result in pipeline.run(scene):
                 seen |= {sighting.id for sighting in result.objects}
                 curves[method].append(len(seen))
-                save_ids(result.ids, Path(folder) / f"{frame.name}.png")
+                save_ids(result.ids, Path(folder) / f"{result.name}.png")
             scores[method] = ss.evaluate(scene, folder, protocol="strict")
         print(f"{method}: {len(seen)} ids, VSQ {scores[method].vsq:.1f}, STQ {scores[method].stq:.1f}")
     draw(curves, plot)
     return scores
 
 
-def draw(curves, plot):
+def draw(curves: dict[str, list[int]], plot: str | Path) -> None:
     import matplotlib
 
     matplotlib.use("Agg")

@@ -10,7 +10,7 @@ from record3d import Record3DStream
 FLIP = np.diag([1.0, -1, -1, 1])  # ARKit's camera looks along -z, with y up
 
 
-def main(map_file, frames=10**9):
+def main(map_file: str, frames: int = 10**9) -> ss.Pipeline:
     phone, ready, segmenter = Record3DStream(), threading.Event(), ss.FastSamSplat()
     phone.on_new_frame = ready.set  # only the newest frame is read
     phone.connect(Record3DStream.get_connected_devices()[0])

@@ -11,17 +11,22 @@ import time
 
 import numpy as np
 import splatseg as ss
+from numpy.typing import NDArray
+
+Picture = tuple[NDArray[np.uint8], NDArray[np.uint16], NDArray[np.float64], NDArray[np.float64] | None, float]
+"""Colour, depth in millimetres, camera matrix, pose, time."""
 
 
 class FakeCamera:
     """A camera that takes a picture of a synthetic room every `interval` seconds."""
 
-    def __init__(self, scene, interval):
+    def __init__(self, scene: str, interval: float) -> None:
         self.scene, self.interval = ss.open_scene(scene), interval
-        self.newest, self.ready, self.is_over = None, threading.Condition(), False
+        self.newest: Picture | None = None
+        self.ready, self.is_over = threading.Condition(), False
         threading.Thread(target=self._take_pictures, daemon=True).start()
 
-    def _take_pictures(self):
+    def _take_pictures(self) -> None:
         for frame in self.scene:
             millimetres = np.round(frame.depth * 1000).astype(np.uint16)
             with self.ready:
@@ -32,7 +37,7 @@ class FakeCamera:
             self.is_over = True
             self.ready.notify()
 
-    def wait(self):
+    def wait(self) -> Picture | None:
         """Waits for the newest picture not returned yet; returns None at the end."""
         with self.ready:
             self.ready.wait_for(lambda: self.newest is not None or self.is_over)
@@ -40,16 +45,15 @@ class FakeCamera:
             return picture
 
 
-def main(scene="synthetic:frames=30,width=96,height=72,objects=6", interval=0.02):
+def main(scene: str = "synthetic:frames=30,width=96,height=72,objects=6", interval: float = 0.02) -> ss.Pipeline:
     pipeline = ss.FastSamSplat()
-    camera, latencies = FakeCamera(scene, interval), []
+    camera = FakeCamera(scene, interval)
     while (picture := camera.wait()) is not None:
         rgb, depth, K, camera_to_world, taken = picture
         result = pipeline.step(
             rgb, depth, K=K, camera_to_world=camera_to_world, timestamp=taken, depth_scale=1000
         )  # fmt: skip
-        latencies.append(time.time() - taken)
-        print(f"{len(result.objects)} objects, {1000 * latencies[-1]:.0f} ms after the picture")
+        print(f"{len(result.objects)} objects, {1000 * (time.time() - taken):.0f} ms after the picture")
     return pipeline
 
 

@@ -6,16 +6,18 @@ python open3d_odometry.py [SCENE [FRAMES]]
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import open3d as o3d
 import splatseg as ss
+from numpy.typing import NDArray
 
 DEMO = Path(__file__).resolve().parents[2] / "crates/splatseg-cli/demo"
 """The clip of `splatseg demo`. Odometry needs small camera motion from frame to frame and a structured scene."""
 
 
-def rgbd(frame):
+def rgbd(frame: ss.Frame) -> Any:
     color = o3d.geometry.Image(np.ascontiguousarray(frame.rgb))
     depth = o3d.geometry.Image(frame.depth)
     return o3d.geometry.RGBDImage.create_from_color_and_depth(
@@ -23,7 +25,7 @@ def rgbd(frame):
     )
 
 
-def motion(before, after):
+def motion(before: ss.Frame, after: ss.Frame) -> NDArray[np.float64]:
     """The transform from camera coordinates in `after` to camera coordinates in `before`."""
     height, width = after.depth.shape
     K = after.K
@@ -31,13 +33,13 @@ def motion(before, after):
     found, transform, _ = o3d.pipelines.odometry.compute_rgbd_odometry(rgbd(after), rgbd(before), camera, np.eye(4))
     if not found:
         raise RuntimeError(f"tracking was lost at frame {after.name}")
-    return transform
+    return np.asarray(transform)
 
 
-def main(scene=DEMO, frames=10):
+def main(scene: str | Path = DEMO, frames: int | str = 10) -> list[NDArray[np.float64]]:
     pipeline = ss.FastSamSplat()
     pose, before = np.eye(4), None
-    poses = []
+    poses: list[NDArray[np.float64]] = []
     for frame in ss.open_scene(scene, max_frames=int(frames)):
         if before is not None:
             pose = pose @ motion(before, frame)

@@ -10,9 +10,10 @@ import sys
 
 import numpy as np
 import splatseg as ss
+from numpy.typing import NDArray
 
 
-def cut_at_edges(rgb, depth):
+def cut_at_edges(rgb: NDArray[np.uint8], depth: NDArray[np.float32]) -> NDArray[np.uint16]:
     """Ids of the parts separated by depth and colour edges, ``(height, width)``."""
     edges = depth == 0
     for axis in (0, 1):
@@ -33,11 +34,10 @@ def cut_at_edges(rgb, depth):
     return large[inverse].reshape(depth.shape).astype(np.uint16)
 
 
-def main(scene="synthetic:frames=12,width=96,height=72,objects=6"):
+def main(scene: str = "synthetic:frames=12,width=96,height=72,objects=6") -> ss.Pipeline:
     pipeline = ss.FastSamSplat(segmenter=cut_at_edges)
-    for frame in ss.open_scene(scene):
-        result = pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=frame.camera_to_world)
-        print(frame.name, [sighting.id for sighting in result.objects])
+    for result in pipeline.run(scene):
+        print(result.name, [sighting.id for sighting in result.objects])
     return pipeline
 
 

@@ -87,6 +87,30 @@ pub fn color_image(value: &Bound<'_, PyAny>, name: &str) -> PyResult<Image<[u8; 
     image((bytes.as_chunks().0.to_vec(), (width, height)))
 }
 
+/// Depth whose median is above this is not in metres, unless `depth_scale` says so: no depth camera measures 100 m, and none
+/// measures 100 mm.
+const MAX_MEDIAN_DEPTH_M: f64 = 100.0;
+
+/// Depth above this is none, metres: renderers write 1e10 where they see nothing.
+const MAX_DEPTH_M: f64 = 1e5;
+
+/// Refuses depth of floats that are probably millimetres.
+fn require_metres(pixels: impl Iterator<Item = f64>) -> PyResult<()> {
+    let mut measured: Vec<f64> = pixels.filter(|depth| *depth > 0.0 && *depth < MAX_DEPTH_M).collect();
+    if measured.is_empty() {
+        return Ok(());
+    }
+    let middle = measured.len() / 2;
+    let (_, median, _) = measured.select_nth_unstable_by(middle, f64::total_cmp);
+    if *median <= MAX_MEDIAN_DEPTH_M {
+        return Ok(());
+    }
+    Err(value_error(format!(
+        "depth has a median of {median:.0}, expected metres: pass depth_scale=1000 if it is in millimetres, \
+         or depth_scale=1 if it really is in metres"
+    )))
+}
+
 /// A depth image in metres: float32 or float64 metres, or, with `depth_scale` units per metre, uint16.
 pub fn depth_image(value: &Bound<'_, PyAny>, depth_scale: Option<f64>) -> PyResult<Image<f32>> {
     const TYPES: &str = "float32 metres (or uint16, with depth_scale in units per metre)";
@@ -99,13 +123,18 @@ pub fn depth_image(value: &Bound<'_, PyAny>, depth_scale: Option<f64>) -> PyResu
     let scale = depth_scale.unwrap_or(1.0);
     if is_of::<f32>(&array) {
         let (mut pixels, size) = pixels::<f32>(&array)?;
-        if depth_scale.is_some() {
+        if depth_scale.is_none() {
+            require_metres(pixels.iter().map(|depth| f64::from(*depth)))?;
+        } else {
             pixels.iter_mut().for_each(|depth| *depth = (f64::from(*depth) / scale) as f32);
         }
         return image((pixels, size));
     }
     if is_of::<f64>(&array) {
         let (pixels, size) = pixels::<f64>(&array)?;
+        if depth_scale.is_none() {
+            require_metres(pixels.iter().copied())?;
+        }
         return image((pixels.into_iter().map(|depth| (depth / scale) as f32).collect(), size));
     }
     if is_of::<u16>(&array) && depth_scale.is_some() {

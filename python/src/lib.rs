@@ -30,7 +30,7 @@ mod _splatseg {
     #[pymodule_export]
     use super::names::Names;
     #[pymodule_export]
-    use super::pictures::{overlay_png, segment_color};
+    use super::pictures::{overlay, overlay_png, segment_color};
     #[pymodule_export]
     use super::pipeline::Pipeline;
     #[pymodule_export]

@@ -136,18 +136,19 @@ impl Segmenter {
     }
 
     /// Masks `(masks, height, width)` and scores `(masks,)`.
-    #[pyo3(signature = (rgb, depth=None, k=None))]
+    #[pyo3(signature = (rgb, depth=None, k=None, depth_scale=None))]
     fn segment(
         &self,
         py: Python<'_>,
         rgb: &Bound<'_, PyAny>,
         depth: Option<&Bound<'_, PyAny>>,
         k: Option<&Bound<'_, PyAny>>,
+        depth_scale: Option<f64>,
     ) -> PyResult<MasksAndScores> {
         let color = color_image(rgb, "rgb")?;
         let size = color.size();
         let depth = match depth {
-            Some(depth) => depth_image(depth, None)?,
+            Some(depth) => depth_image(depth, depth_scale)?,
             None => splatseg::Image::filled(size.0, size.1, 0.0),
         };
         let camera = match k {

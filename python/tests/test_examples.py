@@ -2,6 +2,8 @@
 
 import importlib.util
 import json
+import re
+import subprocess
 import sys
 
 import numpy as np
@@ -17,6 +19,32 @@ def example(name):
     sys.modules[name] = module
     spec.loader.exec_module(module)
     return module
+
+
+def python_blocks(document):
+    """The blocks of Python code of a document."""
+    return re.findall(r"```python\n(.*?)```", (ROOT / document).read_text(), re.DOTALL)
+
+
+@pytest.mark.parametrize("document", ["README.md", "python/README.md"])
+def test_the_first_example_of_a_readme(document, tmp_path):
+    # With nothing but the package and NumPy: optional packages cannot be imported.
+    optional = ("PIL", "matplotlib", "pandas", "rerun", "supervision", "tqdm")
+    program = f"import sys; sys.modules.update(dict.fromkeys({optional}))\n{python_blocks(document)[0]}"
+    ended = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60
+    )
+    assert ended.returncode == 0, ended.stderr
+    assert len(ended.stdout.splitlines()) >= 30 and (tmp_path / "map.ply").stat().st_size > 10_000
+
+
+def test_a_frame_of_a_camera(room):
+    """The second example of the package's README."""
+    frame = room[0]
+    names = {"seg": ss.FastSamSplat(segmenter="graph"), "rgb": frame.rgb, "K": frame.K, "pose": frame.camera_to_world}
+    names |= {"depth": np.round(frame.depth * 1000).astype(np.uint16), "time": 1.5}
+    exec(python_blocks("python/README.md")[1], names)  # noqa: S102
+    assert names["r"].timestamp == 1.5 and names["r"].objects
 
 
 def test_own_segmenter():

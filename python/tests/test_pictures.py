@@ -8,17 +8,24 @@ import numpy as np
 import pytest
 import splatseg as ss
 from conftest import command, step
+from PIL import Image
 
 
-def test_results_show_themselves(room):
+def test_results_show_themselves(tmp_path, room):
     pipeline = ss.FastSamSplat(segmenter="graph")
     for frame in room:
         result = step(pipeline, frame)
     png = result._repr_png_()
     assert png.startswith(b"\x89PNG") and struct.unpack(">II", png[16:24]) == (96, 72)
+    picture = result.plot()
+    assert (picture.shape, picture.dtype) == ((72, 96, 3), np.uint8)
+    assert (picture != result.rgb).any(axis=2).mean() > 0.5
+    result.save(tmp_path / "frame.png")
+    with Image.open(tmp_path / "frame.png") as saved:
+        np.testing.assert_array_equal(np.asarray(saved), picture)
     table = pipeline._repr_html_()
     assert table.count("<tr>") == len(pipeline.objects()) + 1
-    assert "FastSamSplat: fastsam-splat, 8 frames" in table
+    assert f"{len(pipeline.objects())} objects of splatseg.FastSamSplat: fastsam-splat, 8 frames" in table
     assert repr(pipeline) == "<splatseg.FastSamSplat: fastsam-splat, 8 frames>"
 
 
@@ -31,6 +38,11 @@ def test_supervision(room):
     assert isinstance(detections, supervision.Detections) and len(detections) == len(result.objects)
     assert detections.tracker_id.tolist() == [sighting.id for sighting in result.objects]
     np.testing.assert_array_equal(detections.mask, result.masks)
+    # Annotators colour by class unless told otherwise: each object has a colour of its own all the same.
+    black = np.zeros_like(result.rgb)
+    annotated = supervision.MaskAnnotator(opacity=1.0).annotate(black, detections)
+    colors = {tuple(annotated[mask][0].tolist()) for mask in result.masks}
+    assert len(colors) == len(result.objects) >= 3
     np.testing.assert_array_equal(detections.area, [sighting.area for sighting in result.objects])
     empty = step(ss.FastSamSplat(segmenter=lambda rgb, depth: np.zeros(depth.shape, np.uint8)), room[0])
     assert len(empty.to_supervision()) == 0

@@ -118,6 +118,19 @@ def test_a_saved_memory_goes_on(tmp_path, room):
         ss.FastSamSplat.load(tmp_path / "bad.ply")
 
 
+def test_a_loaded_map_says_that_it_has_no_views(tmp_path, room):
+    first = ss.FastSamSplat(segmenter="graph")
+    for frame in room:
+        step(first, frame)
+    first.save(tmp_path / "map.ply")
+    loaded = ss.FastSamSplat.load(tmp_path / "map.ply", segmenter="graph", keep_views=True)
+    with pytest.raises(ValueError, match="objects have no view, because a saved map has none: pass frames"):
+        loaded.name_objects(lambda *_: "thing")
+    result = step(loaded, room[0])
+    with pytest.warns(UserWarning, match="objects have no view.* they were not named"):
+        assert loaded.name_objects(lambda *_: "thing") == len(result.objects)
+
+
 def test_settings_are_keywords(tmp_path, room):
     pipeline = ss.FastSamSplat(seed=7, memory={"max_votes": np.float32(8)}, **{"memory.removal_frames": 5})
     settings = pipeline.settings
@@ -164,6 +177,8 @@ def bad_frames(frame):
         ({"depth": depth[:-1]}, ValueError, "colour is 96x72 but depth is 96x71"),
         ({"depth": depth.T}, ValueError, "depth is not contiguous"),
         ({"depth": depth.astype(np.uint16)}, TypeError, "depth is an array of uint16"),
+        ({"depth": depth * 1000}, ValueError, "expected metres: pass depth_scale=1000 if it is in millimetres"),
+        ({"depth": depth.astype(np.float64) * 1000}, ValueError, "pass depth_scale=1000"),
         ({"depth": depth, "depth_scale": -1}, ValueError, "depth_scale is -1"),
         ({"depth": depth, "depth_scale": 1e38}, ValueError, "depth_scale is 1"),
         ({"depth": depth[None]}, ValueError, r"depth has shape \(1, 72, 96\)"),
@@ -205,6 +220,13 @@ def test_depth_may_be_of_other_types(room):
             frame.rgb, depth, K=frame.K.tolist(), camera_to_world=frame.camera_to_world.tolist(), depth_scale=scale
         )
         np.testing.assert_array_equal(found.ids, expected.ids)
+    sky = frame.depth.copy()
+    sky[:40] = 1e10
+    far = ss.FastSamSplat(segmenter="graph").step(frame.rgb, frame.depth * 1000, K=frame.K, depth_scale=1)
+    assert far.ids.shape == frame.depth.shape
+    ss.FastSamSplat().step(frame.rgb, sky, K=frame.K, camera_to_world=frame.camera_to_world)
+    masks, _ = ss.Graph()(frame.rgb, millimetres, frame.K, depth_scale=1000)
+    np.testing.assert_array_equal(masks, ss.Graph()(frame.rgb, millimetres / 1000, frame.K)[0])
     holes = frame.depth.copy()
     holes[10:20] = np.nan
     ss.FastSamSplat().step(frame.rgb, holes, K=frame.K, camera_to_world=frame.camera_to_world)

@@ -92,6 +92,8 @@ def test_scores_are_those_of_the_command(tmp_path):
         assert (found.vsq, found.stq, found.aq, found.sq) == tuple(expected[key] for key in ("vsq", "stq", "aq", "sq"))
         assert {str(length): value for length, value in found.vsq_k.items()} == expected["vsq_k"]
         assert found.frames == 8
+        vsq = "–" if found.vsq is None else f"{found.vsq:.1f}"
+        assert repr(found) == f"<splatseg.Scores: VSQ {vsq}, STQ {found.stq:.1f}, 8 frames>"
     with pytest.raises(ValueError, match='expected "paper" or "strict"'):
         ss.evaluate(ROOM, out, protocol="exact")
     with pytest.raises(ValueError, match="without prediction"):

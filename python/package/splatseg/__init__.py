@@ -5,10 +5,12 @@ You pass in a camera's frames one by one, and an explicit 3D memory, an online G
     import splatseg as ss
 
     seg = ss.FastSamSplat()
-    for f in ss.open_scene("drive.mcap", stride=2):
-        r = seg.step(f.rgb, f.depth, K=f.K, camera_to_world=f.camera_to_world, timestamp=f.timestamp)
-        print(r.objects)
+    for r in seg.run("drive.mcap", stride=2):
+        print(r.name, [o.id for o in r.objects])
     seg.save("map.ply")
+
+``seg.step(rgb, depth, K=K)`` takes in the frames of your own camera, and ``ss.run("drive.mcap", out="out")`` writes all
+results to a folder, as the command ``splatseg run`` does.
 
 Conventions: images are C-contiguous NumPy arrays, colour is RGB, depth is z-depth in metres with 0 where nothing was
 measured, camera axes are x right, y down, z forward, poses are 4x4 matrices from camera to world. Id 0 means "nothing".
@@ -24,9 +26,10 @@ from .frame import Frame
 from .live import Live
 from .memory import Memory
 from .naming import Names, names
-from .objects import BestView, FoundObject, FrameStamp, Object, ObjectSighting, Shape
+from .objects import BestView, FoundObject, FrameStamp, Object, Objects, ObjectSighting, Shape, Sightings
 from .pipeline import FastSamSplat, Pipeline, Sam2Splat
 from .result import StepResult
+from .runs import Run, run
 from .sam2 import Sam2, Tracks
 from .scene import Scene, open_scene
 from .segmenters import Affinity, FastSam, Graph, Segmenter
@@ -46,13 +49,16 @@ __all__ = [
     "Names",
     "Object",
     "ObjectSighting",
+    "Objects",
     "Pipeline",
+    "Run",
     "Sam2",
     "Sam2Splat",
     "Scene",
     "Scores",
     "Segmenter",
     "Shape",
+    "Sightings",
     "StepResult",
     "Tracks",
     "__version__",
@@ -61,5 +67,6 @@ __all__ = [
     "open_scene",
     "read_state",
     "rerun",
+    "run",
     "segment_color",
 ]

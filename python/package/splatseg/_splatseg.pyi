@@ -2,10 +2,26 @@
 
 import os
 from collections.abc import Callable, Iterator
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Self
+
+__all__ = [
+    "Frames",
+    "Live",
+    "Pipeline",
+    "Sam2",
+    "Scene",
+    "Segmenter",
+    "__version__",
+    "evaluate",
+    "overlay",
+    "overlay_png",
+    "run_command",
+    "segment_color",
+]
 
 __version__: str
 
@@ -23,16 +39,17 @@ _Frame: TypeAlias = tuple[
 _Sighting: TypeAlias = tuple[int, int, tuple[int, int, int, int], float, int, int]
 _Tracks: TypeAlias = tuple[list[int], NDArray[np.bool_]]
 
+@final
 class Live:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         settings: dict[str, Any],
         map: _Path | None = None,
         save_interval: float = 30.0,
         every_frame: bool = False,
         config: _Path | None = None,
         lag: float = 0.0,
-    ) -> None: ...
+    ) -> Self: ...
     @staticmethod
     def outputs() -> list[tuple[str, str, str, bool]]: ...
     def feed(self, topic: str, type_name: str, data: bytes) -> None: ...
@@ -49,26 +66,28 @@ class Live:
     def sources(self) -> list[str]: ...
     def close(self, finish: bool) -> None: ...
 
+@final
 class Names:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         path: _Path,
         vocabulary: _Path | None = None,
         labels: list[str] | None = None,
         min_score: float | None = None,
-    ) -> None: ...
+    ) -> Self: ...
     def labels(self) -> list[str]: ...
     def embed_text(self, text: str) -> NDArray[np.float32]: ...
 
+@final
 class Pipeline:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         settings: dict[str, Any],
         segmenter: Callable[..., Any] | None = None,
         config: _Path | None = None,
         saved_memory: _Path | None = None,
         keep_views: bool = False,
-    ) -> None: ...
+    ) -> Self: ...
     @property
     def settings(self) -> str: ...
     @property
@@ -125,14 +144,20 @@ class Pipeline:
     def has_place(self) -> NDArray[np.bool_]: ...
     def segment_ids(self) -> NDArray[np.uint32]: ...
 
+@final
 class Segmenter:
-    def __init__(self, settings: dict[str, Any]) -> None: ...
+    def __new__(cls, settings: dict[str, Any]) -> Self: ...
     def segment(
-        self, rgb: NDArray[np.uint8], depth: NDArray[Any] | None = None, k: ArrayLike | None = None
+        self,
+        rgb: NDArray[np.uint8],
+        depth: NDArray[Any] | None = None,
+        k: ArrayLike | None = None,
+        depth_scale: float | None = None,
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]: ...
 
+@final
 class Sam2:
-    def __init__(self, settings: dict[str, Any]) -> None: ...
+    def __new__(cls, settings: dict[str, Any]) -> Self: ...
     def step(self, rgb: NDArray[np.uint8]) -> _Tracks: ...
     def add_mask(self, id: int, mask: NDArray[np.bool_]) -> _Tracks: ...
     def add_points(
@@ -145,12 +170,14 @@ class Sam2:
     ) -> _Tracks: ...
     def remove(self, id: int) -> None: ...
 
+@final
 class Frames:
     def __iter__(self) -> Iterator[_Frame | str]: ...
     def __next__(self) -> _Frame | str: ...
 
+@final
 class Scene:
-    def __init__(self, path: _Path, settings: dict[str, Any]) -> None: ...
+    def __new__(cls, path: _Path, settings: dict[str, Any]) -> Self: ...
     @property
     def name(self) -> str: ...
     @property
@@ -173,6 +200,7 @@ def evaluate(
     allow_missing: bool,
     ids: bool,
 ) -> str: ...
+def overlay(rgb: NDArray[np.uint8], ids: NDArray[np.integer]) -> NDArray[np.uint8]: ...
 def overlay_png(rgb: NDArray[np.uint8], ids: NDArray[np.integer]) -> bytes: ...
 def segment_color(id: int) -> tuple[int, int, int]: ...
 def run_command(arguments: list[str], program: list[str]) -> int: ...

@@ -1,7 +1,7 @@
 """``splatseg batch --ray``: thousands of videos on a Ray cluster.
 
 One row is one video. Frames never go through Ray's object store: each actor starts a worker of the command, which reads
-the scene and writes its results itself, and returns a summary. Needs ``pip install splatseg[ray]``.
+the scene and writes its results itself, and returns a summary. Needs ``pip install 'ray[data]'``.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def main(arguments: list[str]) -> int:
     try:
         import ray
     except ImportError:
-        print("error: --ray needs Ray: pip install 'splatseg[ray]'", file=sys.stderr)
+        print("error: --ray needs Ray: pip install 'ray[data]'", file=sys.stderr)
         return 2
     with tempfile.TemporaryDirectory(prefix="splatseg-batch-") as folder:
         plan_file, failed_file = Path(folder) / "plan.json", Path(folder) / "failed.jsonl"
@@ -115,7 +115,7 @@ def _work(plan: dict[str, Any]) -> list[dict[str, str]]:
     rows = (
         ray.data.from_items(jobs, override_num_blocks=len(jobs))
         .map(
-            Worker,  # type: ignore[arg-type]  # a class is a callable for each actor
+            Worker,
             fn_constructor_kwargs={"retries": plan["retries"]},
             # One scene at a time for each actor: queued scenes would wait for it while other actors are idle.
             compute=ray.data.ActorPoolStrategy(

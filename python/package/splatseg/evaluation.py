@@ -10,7 +10,7 @@ from typing import Any
 from . import _splatseg
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Scores:
     """Scores of predictions, percent, as reported by ``splatseg eval``."""
 
@@ -30,6 +30,10 @@ class Scores:
     """Number of scored frames."""
     missing: dict[str, int]
     """Numbers of frames that were left out or scored as empty."""
+
+    def __repr__(self) -> str:
+        vsq, stq = ("–" if score is None else f"{score:.1f}" for score in (self.vsq, self.stq))
+        return f"<splatseg.Scores: VSQ {vsq}, STQ {stq}, {self.frames} frames>"
 
 
 def evaluate(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame:
     """A registered RGB-D frame of a scene, resized and cropped according to the scene's settings."""
 
@@ -29,3 +29,8 @@ class Frame:
     """Timestamp, seconds; ``None`` if the scene has none."""
     ground_truth: NDArray[np.uint32] | None
     """True ids, ``(height, width)``, 0 where unlabelled; ``None`` if there are none for this frame."""
+
+    def __repr__(self) -> str:
+        height, width = self.depth.shape
+        pose = "with a pose" if self.camera_to_world is not None else "without a pose"
+        return f"<splatseg.Frame {self.name!r}: {width}x{height}, {pose}>"

@@ -5,10 +5,13 @@ from __future__ import annotations
 import json
 import os
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from . import _splatseg
-from .objects import Object, parse
+from .objects import Objects, parse
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Output:
     latched: bool
 
 
-OUTPUTS = {name: Output(name, *rest) for name, *rest in _splatseg.Live.outputs()}
+OUTPUTS = {output[0]: Output(*output) for output in _splatseg.Live.outputs()}
 """``objects``, ``markers``, ``ids``, ``overlay``, ``points``, ``transform`` and ``diagnostics``."""
 
 
@@ -94,9 +97,9 @@ class Live:
         """Leaves out frames, or goes on."""
         return self._live.request("pause" if paused else "resume")
 
-    def objects(self) -> list[Object]:
+    def objects(self) -> Objects:
         """All objects so far."""
-        return [parse(entry) for entry in json.loads(self._live.objects())["objects"]]
+        return Objects(parse(entry) for entry in json.loads(self._live.objects())["objects"])
 
     @property
     def status(self) -> str:
@@ -117,7 +120,7 @@ class Live:
         """Ends the session and saves the map; with ``finish``, after all complete frames."""
         self._live.close(finish)
 
-    def __enter__(self) -> Live:  # noqa: PYI034 (Self needs Python 3.11)
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

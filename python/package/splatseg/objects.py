@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from . import _splatseg
+from .optional import require
+
+if TYPE_CHECKING:
+    import pandas
+
+_MOST_IDS = 12
+_POINT = ("x", "y", "z")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ObjectSighting:
     """An object in one frame."""
 
@@ -29,6 +37,19 @@ class ObjectSighting:
     def color(self) -> tuple[int, int, int]:
         """Its colour in overlays, sRGB."""
         return _splatseg.segment_color(self.id)
+
+    def __repr__(self) -> str:
+        return f"<splatseg.ObjectSighting {self.id}: {self.area} pixels, confidence {self.confidence:.2f}>"
+
+    def _row(self) -> dict[str, Any]:
+        return {
+            "id": self.id,
+            "area": self.area,
+            **_cells("", ("x", "y", "width", "height"), self.bounding_box),
+            "confidence": self.confidence,
+            "first_frame": self.first_frame,
+            "last_frame": self.last_frame,
+        }
 
 
 @dataclass(frozen=True)
@@ -79,7 +100,7 @@ class Shape:
     """Number of these that continue a measured surface where depth is missing, as on a screen."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Object:
     """An object of the whole video, as in ``objects.json``."""
 
@@ -117,6 +138,84 @@ class Object:
     def box(self) -> tuple[tuple[float, float, float], tuple[float, float, float]] | None:
         """The axis-aligned box, world, metres; ``None`` if it has no Gaussians."""
         return self.shape.axis_aligned_box if self.shape is not None else None
+
+    def __repr__(self) -> str:
+        label = f" {self.label!r}" if self.label is not None else ""
+        at = f", at ({', '.join(f'{value:.2f}' for value in self.centroid)}) m" if self.centroid is not None else ""
+        state = f"{self.state}, " if self.state is not None else ""
+        return f"<splatseg.Object {self.id}{label}: {state}in {self.frames} frames{at}>"
+
+    def _row(self) -> dict[str, Any]:
+        """Its line of ``objects.csv``."""
+        shape, view = self.shape, self.best_view
+        box = shape.axis_aligned_box if shape else (None, None)
+        return {
+            "id": self.id,
+            "label": self.label,
+            "state": self.state,
+            "frames": self.frames,
+            "confidence": self.confidence,
+            **_stamp_cells("first", self.first_seen),
+            **_stamp_cells("last", self.last_seen),
+            **_cells("", ("red", "green", "blue"), self.color),
+            **_cells("centroid_", _POINT, shape.centroid if shape else None),
+            **_cells("min_", _POINT, box[0]),
+            **_cells("max_", _POINT, box[1]),
+            **_cells("center_", _POINT, shape.center if shape else None),
+            **_cells("size_", _POINT, shape.size if shape else None),
+            **_cells("rotation_", (*_POINT, "w"), shape.rotation if shape else None),
+            "area_m2": shape and shape.area_m2,
+            "points": shape and shape.points,
+            "best_frame": view and view.frame.number,
+            "best_name": view and view.frame.name,
+            **_cells("best_", ("x", "y", "width", "height"), view.bounding_box if view else None),
+            "completed_points": shape and shape.completed_points,
+            "label_score": self.label_score,
+        }
+
+
+_Entry = TypeVar("_Entry", Object, ObjectSighting)
+
+
+class _Entries(list[_Entry]):
+    """A list that can become a table."""
+
+    def to_df(self) -> pandas.DataFrame:
+        """A table of pandas with one row for each, by increasing id. Needs ``pip install pandas``."""
+        frame: pandas.DataFrame = require("pandas", "pandas", "to_df").DataFrame([entry._row() for entry in self])
+        return frame
+
+    def __repr__(self) -> str:
+        ids = ", ".join(str(entry.id) for entry in self[:_MOST_IDS])
+        more = ", …" if len(self) > _MOST_IDS else ""
+        return f"<splatseg.{type(self).__name__}: {len(self)} objects" + (f", ids {ids}{more}>" if self else ">")
+
+
+class Objects(_Entries[Object]):
+    """A list of the objects of a video, by increasing id.
+
+    The columns of :meth:`to_df` have the names of those in ``objects.csv``. A notebook displays the list as a table.
+    """
+
+    def _repr_html_(self) -> str:
+        from .pictures import objects_table
+
+        return objects_table(self, "objects")
+
+
+class Sightings(_Entries[ObjectSighting]):
+    """A list of the objects in one frame, by increasing id."""
+
+
+def _cells(prefix: str, names: Iterable[str], values: Iterable[Any] | None) -> dict[str, Any]:
+    """Columns for the parts of a value; empty if there is none."""
+    names = [f"{prefix}{name}" for name in names]
+    return dict.fromkeys(names) if values is None else dict(zip(names, values, strict=True))
+
+
+def _stamp_cells(prefix: str, stamp: FrameStamp | None) -> dict[str, Any]:
+    values = (stamp.number, stamp.name, stamp.time_s) if stamp is not None else None
+    return _cells(f"{prefix}_", ("frame", "name", "time_s"), values)
 
 
 @dataclass(frozen=True)

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from . import _splatseg
 
 if TYPE_CHECKING:
     from .objects import Object
-    from .pipeline import Pipeline
 
 _MOST_ROWS = 100
 
 
-def objects_table(pipeline: Pipeline) -> str:
-    """The objects of a pipeline as an HTML table, the most often seen first."""
-    objects = sorted(pipeline.objects(), key=lambda entry: (-entry.frames, entry.id))
+def objects_table(entries: Sequence[Object], title: str) -> str:
+    """Objects as an HTML table, the most often seen first."""
+    objects = sorted(entries, key=lambda entry: (-entry.frames, entry.id))
     rows = "".join(_row(entry) for entry in objects[:_MOST_ROWS])
     more = f"<p>and {len(objects) - _MOST_ROWS} more</p>" if len(objects) > _MOST_ROWS else ""
     head = "".join(
         f"<th>{name}</th>" for name in ("", "id", "label", "state", "frames", "confidence", "centroid, m", "size, m")
     )
-    title = html.escape(repr(pipeline).strip("<>"))
-    return f"<p><b>{title}, {len(objects)} objects</b></p><table><tr>{head}</tr>{rows}</table>{more}"
+    return f"<p><b>{len(objects)} {html.escape(title)}</b></p><table><tr>{head}</tr>{rows}</table>{more}"
 
 
 def _row(entry: Object) -> str:

@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
-from typing import Any
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _splatseg
+from .frame import Frame
 from .memory import Memory
 from .naming import Names
-from .objects import FoundObject, Object, ObjectSighting, parse
+from .objects import FoundObject, Object, Objects, ObjectSighting, Sightings, parse
+from .progress import with_progress
 from .result import StepResult
+from .scene import open_scene
 from .segmenters import Segmenter
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 Masks = NDArray[np.bool_] | NDArray[np.integer]
 SegmenterLike = str | Segmenter | Callable[[NDArray[np.uint8], NDArray[np.float32]], Masks | tuple[Masks, ArrayLike]]
@@ -39,6 +46,7 @@ class Pipeline:
     """
 
     _method: str | None = None
+    _is_loaded = False
 
     def __init__(
         self,
@@ -82,13 +90,16 @@ class Pipeline:
         config: str | os.PathLike[str] | None = None,
         keep_views: bool = False,
         **settings: Any,
-    ) -> Pipeline:
+    ) -> Self:
         """Creates a pipeline that continues with a saved memory, its ids and names.
+
+        A saved map has no views of its objects: with ``keep_views``, an object has one once it is seen again.
 
         Raises ``ValueError`` if the file is damaged or does not fit the settings.
         """
         pipeline = cls.__new__(cls)
         pipeline._start(method, segmenter, config, settings, path, keep_views)
+        pipeline._is_loaded = True
         return pipeline
 
     def step(
@@ -106,7 +117,7 @@ class Pipeline:
 
         ``rgb``: uint8 ``(height, width, 3)``, C-contiguous, RGB. ``depth``: float32 or float64 z-depth in metres
         ``(height, width)`` of the same pixels, 0 or NaN where nothing was measured; with ``depth_scale`` in units per
-        metre (1000 for millimetres) also uint16. ``K``: the camera matrix, 3x3, pixels. ``camera_to_world``: the pose,
+        metre (1000 for millimetres) other units, and uint16. Floats whose median is above 100 are refused without it. ``K``: the camera matrix, 3x3, pixels. ``camera_to_world``: the pose,
         4x4, metres, camera axes x right, y down, z forward, unless the pipeline was made with ``dataset.pose_convention``
         and kin (poses of a scene opened with them are converted already); without it the camera is tracked.
         ``timestamp``: seconds. Input that contradicts itself, e.g. poses that do not fit the images, causes a
@@ -121,7 +132,7 @@ class Pipeline:
         return StepResult(
             ids=ids,
             confidence=confidence,
-            objects=[ObjectSighting(*sighting) for sighting in sightings],
+            objects=Sightings(ObjectSighting(*sighting) for sighting in sightings),
             times_ms=dict(times),
             rgb=rgb,
             depth=depth,
@@ -134,6 +145,29 @@ class Pipeline:
             regions=regions,
             _masks=masks,
             _depth_scale=depth_scale,
+        )
+
+    def run(
+        self, source: str | os.PathLike[str] | Iterable[Frame], *, progress: bool | None = None, **settings: Any
+    ) -> Iterator[StepResult]:
+        """Processes the frames of a scene, and yields the result of each::
+
+            for r in seg.run("drive.mcap", stride=2):
+                print(r.name, len(r.objects))
+
+        ``source`` is what :func:`splatseg.open_scene` opens with ``settings``, or a scene or other frames. A terminal or
+        notebook shows a progress bar if tqdm is installed; ``progress`` demands it (``True``) or leaves it out
+        (``False``).
+
+        Raises what :func:`splatseg.open_scene` and :meth:`step` do, and ``ImportError`` if a demanded bar is not possible.
+        """
+        frames: Iterable[Frame] = open_scene(source, **settings) if isinstance(source, str | os.PathLike) else source
+        if settings and frames is source:
+            raise TypeError(f"{', '.join(settings)}: settings are for a source that is opened here: a path")
+        shown = with_progress(frames, progress)
+        return (
+            self.step(f.rgb, f.depth, K=f.K, camera_to_world=f.camera_to_world, timestamp=f.timestamp, name=f.name)
+            for f in shown
         )
 
     def settle(self) -> bool:
@@ -167,9 +201,9 @@ class Pipeline:
             result._depth_scale,
         )
 
-    def objects(self) -> list[Object]:
+    def objects(self) -> Objects:
         """Every object seen so far or in the memory, by increasing id, with its shape in the world."""
-        return [parse(entry) for entry in json.loads(self._pipeline.objects())["objects"]]
+        return Objects(parse(entry) for entry in json.loads(self._pipeline.objects())["objects"])
 
     def name_objects(self, fn: Names | Callable[[NDArray[np.uint8], NDArray[np.bool_], Object], Name]) -> int:
         """Names objects with ``fn(rgb, mask, object)``, e.g. a CLIP network; returns for how many it was called.
@@ -182,14 +216,30 @@ class Pipeline:
         for all), a pair of both, or ``None``. It is called for objects without a name, and again for those whose best view
         has become clearly better. :meth:`objects` has the labels, :meth:`save` saves the names.
 
-        Exceptions of ``fn`` are passed on; names given before stay. Raises ``ValueError`` for an unusable name and
-        without ``keep_views=True``.
+        Exceptions of ``fn`` are passed on; names given before stay. Raises ``ValueError`` for an unusable name, without
+        ``keep_views=True``, and for a loaded map before its first frame. Objects of a loaded map that were not seen again
+        are told in a ``UserWarning``.
         """
         if isinstance(fn, Names):
             return self._pipeline.name_with_network(fn._names)
-        return self._pipeline.name_objects(
+        named = self._pipeline.name_objects(
             lambda rgb, mask, entry: _label_and_embedding(fn(rgb, mask, parse(json.loads(entry))))
         )
+        if self._is_loaded:
+            self._tell_unseen()
+        return named
+
+    def _tell_unseen(self) -> None:
+        """Tells which objects of a loaded map have no view."""
+        objects = [entry for entry in self.objects() if entry.state != "forgotten"]
+        unseen = sum(entry.best_view is None and entry.label is None for entry in objects)
+        text = (
+            f"{unseen} of {len(objects)} objects have no view, because a saved map has none: pass frames that show them"
+        )
+        if unseen and self.frames == 0:
+            raise ValueError(f"{text}, or name the map from its keyframes with the command splatseg name")
+        if unseen:
+            warnings.warn(f"{text}; they were not named", stacklevel=3)
 
     def finish_names(self) -> int:
         """Names objects with the namer of the settings, ``namer="clip", names="FILE.safetensors"``; returns for how many.
@@ -259,7 +309,7 @@ class Pipeline:
     def _repr_html_(self) -> str:
         from .pictures import objects_table
 
-        return objects_table(self)
+        return objects_table(self.objects(), f"objects of {repr(self).strip('<>')}")
 
 
 class FastSamSplat(Pipeline):
@@ -307,12 +357,13 @@ class Sam2Splat(Pipeline):
 
 def _label_and_embedding(name: Name) -> tuple[str | None, NDArray[np.float32]]:
     """The label and the embedding that a function has returned."""
-    label, embedding = None, name
+    nothing = np.empty(0, np.float32)
     if name is None or isinstance(name, str):
-        label, embedding = name, None
-    elif isinstance(name, tuple) and len(name) == 2 and (name[0] is None or isinstance(name[0], str)):
+        return name, nothing
+    if isinstance(name, tuple) and len(name) == 2 and (name[0] is None or isinstance(name[0], str)):
         label, embedding = name
-    return label, np.empty(0, np.float32) if embedding is None else _vector(embedding)
+        return label, nothing if embedding is None else _vector(embedding)
+    return None, _vector(cast(ArrayLike, name))
 
 
 def _vector(embedding: ArrayLike) -> NDArray[np.float32]:

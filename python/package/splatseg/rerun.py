@@ -1,4 +1,4 @@
-"""Results in the Rerun viewer. Needs ``pip install splatseg[rerun]``.
+"""Results in the Rerun viewer. Needs ``pip install rerun-sdk``.
 
 ::
 
@@ -21,15 +21,17 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _splatseg
+from .optional import require
 
 if TYPE_CHECKING:
     import rerun
+    from typing_extensions import Self
 
     from .objects import Shape
     from .pipeline import Pipeline
@@ -53,9 +55,12 @@ def log(
         log_map(pipeline, recording=recording)
 
 
-def _log_frame(result: StepResult, frame: int | None, recording: rerun.RecordingStream | None) -> None:
-    import rerun as rr
+def _rerun() -> Any:
+    return require("rerun", "rerun-sdk", "ss.rerun")
 
+
+def _log_frame(result: StepResult, frame: int | None, recording: rerun.RecordingStream | None) -> None:
+    rr = _rerun()
     if frame is not None:
         rr.set_time("frame", sequence=frame, recording=recording)
     if result.timestamp is not None:
@@ -70,9 +75,9 @@ def _log_frame(result: StepResult, frame: int | None, recording: rerun.Recording
         recording=recording,
     )
     rr.log("world/camera/image/rgb", rr.Image(result.rgb).compress(jpeg_quality=85), recording=recording)
-    if np.issubdtype(result.depth.dtype, np.floating):
-        depth = np.nan_to_num(result.depth.astype(np.float32))
-        rr.log("world/camera/image/depth", rr.DepthImage(depth, meter=1.0), recording=recording)
+    depth = np.nan_to_num(result.depth.astype(np.float32))
+    depth_image = rr.DepthImage(depth, meter=result._depth_scale or 1.0)
+    rr.log("world/camera/image/depth", depth_image, recording=recording)
     annotation = [(sighting.id, str(sighting.id), sighting.color) for sighting in result.objects]
     rr.log("world/camera/image", rr.AnnotationContext(annotation), recording=recording)
     rr.log("world/camera/image/ids", rr.SegmentationImage(result.ids), recording=recording)
@@ -111,11 +116,11 @@ class _Map:
         shapes = [(entry.id, entry.shape) for entry in entries if entry.shape is not None]
         labels = [f"{entry.id} {entry.label or ''}".rstrip() for entry in entries]
         shown = memory.has_place
-        return cls(memory.means[shown], memory.radii[shown], memory.segment_ids[shown], shapes, labels)
+        means = memory.means[shown].astype(np.float32)
+        return cls(means, memory.radii[shown], memory.segment_ids[shown], shapes, labels)
 
     def log(self, recording: rerun.RecordingStream | None) -> None:
-        import rerun as rr
-
+        rr = _rerun()
         shown_ids, of_point = np.unique(self.ids, return_inverse=True)
         palette = [_splatseg.segment_color(int(id)) if id else (128, 128, 128) for id in shown_ids]
         colors = np.array(palette, dtype=np.uint8).reshape(-1, 3)[of_point]
@@ -139,8 +144,7 @@ class Logger:
     """
 
     def __init__(self, recording: rerun.RecordingStream | None = None, *, map_interval: float = 2.0) -> None:
-        import rerun as rr
-
+        rr = _rerun()
         self.dropped = 0
         self._recording = recording or rr.get_data_recording()
         self._map_interval, self._map_logged = map_interval, -float("inf")
@@ -170,7 +174,7 @@ class Logger:
             self._news.notify()
         self._thread.join()
 
-    def __enter__(self) -> Logger:  # noqa: PYI034 (Self needs Python 3.11)
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

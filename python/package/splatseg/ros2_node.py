@@ -36,7 +36,7 @@ def message_class(type_name: str) -> Any | None:
         return None
 
 
-class SplatsegNode(Node):
+class SplatsegNode(Node):  # type: ignore[misc]  # rclpy has no types
     """Feeds a :class:`Live` session with the topics that it may use, and publishes its results."""
 
     def __init__(self, name: str = "splatseg", **options: Any) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _splatseg
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Tracks:
     """Objects and their masks on a frame."""
 
@@ -23,7 +23,11 @@ class Tracks:
 
     def __getitem__(self, id: int) -> NDArray[np.bool_]:
         """The mask of one object, ``(height, width)``."""
-        return self.masks[self.ids.index(id)]
+        mask: NDArray[np.bool_] = self.masks[self.ids.index(id)]
+        return mask
+
+    def __repr__(self) -> str:
+        return f"<splatseg.Tracks: {len(self.ids)} objects>"
 
 
 class Sam2:
@@ -54,7 +58,7 @@ class Sam2:
 
         A new id adds an object; a known id corrects its object.
         """
-        return self._sam2.add_mask(id, mask)[1][0]
+        return Tracks(*self._sam2.add_mask(id, mask))[id]
 
     def add_clicks(
         self, id: int, points: ArrayLike, labels: ArrayLike | None = None, *, more: bool = False
@@ -64,11 +68,11 @@ class Sam2:
         ``points``: x and y of each click, pixels, ``(clicks, 2)``. ``labels``: 1 on the object (the default) or 0
         beside it, ``(clicks,)``. With ``more``, they are added to earlier prompts of this object on this frame.
         """
-        return self._sam2.add_points(id, points, labels, None, more)[1][0]
+        return Tracks(*self._sam2.add_points(id, points, labels, None, more))[id]
 
     def add_box(self, id: int, box: ArrayLike) -> NDArray[np.bool_]:
         """Prompts an object with a box on the current frame: x0, y0, x1, y1, pixels; returns its updated mask."""
-        return self._sam2.add_points(id, None, None, box, False)[1][0]
+        return Tracks(*self._sam2.add_points(id, None, None, box, False))[id]
 
     def remove(self, id: int) -> None:
         """Stops tracking an object; its id may be prompted again."""

@@ -22,17 +22,19 @@ class Segmenter:
     def __call__(
         self,
         rgb: NDArray[np.uint8],
-        depth: NDArray[np.float32] | None = None,
+        depth: NDArray[np.floating] | NDArray[np.uint16] | None = None,
         K: NDArray[np.floating] | None = None,
+        *,
+        depth_scale: float | None = None,
     ) -> tuple[NDArray[np.bool_], NDArray[np.float32]]:
         """The masks of a frame, ``(masks, height, width)``, which may overlap, and their scores, ``(masks,)``.
 
-        ``rgb`` is uint8 ``(height, width, 3)``, ``depth`` float32 metres ``(height, width)``. Without ``K``, the camera
-        has a horizontal field of view of 60 degrees.
+        ``rgb``, ``depth`` and ``depth_scale`` are those of :meth:`Pipeline.step`. Without ``K``, the camera has a
+        horizontal field of view of 60 degrees.
         """
         if self._segmenter is None:
             self._segmenter = _splatseg.Segmenter(self.settings)
-        return self._segmenter.segment(rgb, depth, K)
+        return self._segmenter.segment(rgb, depth, K, depth_scale)
 
     def __repr__(self) -> str:
         given: dict[str, Any] = {}

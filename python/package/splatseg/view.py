@@ -21,7 +21,7 @@ def main() -> None:
     try:
         view(arguments.out, arguments.save)
     except ImportError:
-        sys.exit("error: splatseg-view needs Rerun: pip install 'splatseg[rerun]'")
+        sys.exit("error: splatseg-view needs Rerun: pip install rerun-sdk")
     except (OSError, ValueError, KeyError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 /// Folders with documents; deeper ones are searched, except build outputs.
 const FOLDERS: [&str; 9] = [".", "docs", "crates", "python", "ros", "xtask", "fuzz", "training", "tools"];
 
-fn documents(folder: &Path, is_top: bool, found: &mut Vec<PathBuf>) {
+/// Adds the documents of a folder and those below it. The folder at the top is not searched further.
+pub fn documents(folder: &Path, is_top: bool, found: &mut Vec<PathBuf>) {
     let Ok(entries) = fs::read_dir(folder) else { return };
     for entry in entries {
         let path = entry.unwrap().path();
@@ -22,7 +23,7 @@ fn documents(folder: &Path, is_top: bool, found: &mut Vec<PathBuf>) {
 }
 
 /// The targets of `[text](target)`.
-fn targets(text: &str) -> Vec<&str> {
+pub fn targets(text: &str) -> Vec<&str> {
     let ends = text.match_indices("](").map(|(at, _)| &text[at + 2..]);
     ends.filter_map(|rest| rest.split([')', '\n', ' ']).next()).collect()
 }

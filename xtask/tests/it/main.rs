@@ -4,3 +4,4 @@ mod dependencies_document;
 mod links;
 mod paper_document;
 mod results_document;
+mod site;

@@ -51,7 +51,7 @@ def _milliseconds_between(color: Any, depth: Any) -> float:
     """How far apart they were taken: while the SDK finds out what belongs together, it also pairs neighbours."""
     if color.get_frame_timestamp_domain() != depth.get_frame_timestamp_domain():
         return 0.0
-    return abs(color.get_timestamp() - depth.get_timestamp())
+    return abs(float(color.get_timestamp() - depth.get_timestamp()))
 
 
 def _distortion(lens: Any) -> tuple[str, list[float]] | None:

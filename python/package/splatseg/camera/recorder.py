@@ -7,8 +7,12 @@ import os
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from . import Picture, png
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 _WAITING = 16
 """Number of pictures that wait to be written, at most: then :meth:`Recorder.add` waits, and the camera drops pictures."""
@@ -49,7 +53,7 @@ class Recorder:
         while self._waiting:
             self._waiting.popleft().result()
 
-    def __enter__(self) -> Recorder:  # noqa: PYI034 (Self needs Python 3.11)
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

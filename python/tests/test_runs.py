@@ -1,0 +1,100 @@
+"""Whole scenes: ``Pipeline.run`` and ``splatseg.run``."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import splatseg as ss
+from conftest import ROOM, command, step
+
+
+def test_a_pipeline_runs_over_a_scene(room):
+    by_hand, over_scene = ss.FastSamSplat(segmenter="graph"), ss.FastSamSplat(segmenter="graph")
+    expected = [step(by_hand, frame) for frame in room[::2]]
+    # A path with settings, an opened scene, and other frames.
+    for source, settings in [(ROOM, {"stride": 2}), (ss.open_scene(ROOM, stride=2), {}), (iter(room[::2]), {})]:
+        over_scene = ss.FastSamSplat(segmenter="graph")
+        found = list(over_scene.run(source, **settings))
+        assert [result.name for result in found] == [frame.name for frame in room[::2]]
+        for one, other in zip(found, expected, strict=True):
+            np.testing.assert_array_equal(one.ids, other.ids)
+
+
+def test_a_source_that_cannot_be_run_is_told_at_once(room):
+    pipeline = ss.FastSamSplat(segmenter="graph")
+    with pytest.raises(ValueError, match="nowhere: does not exist"):
+        pipeline.run("nowhere")
+    with pytest.raises(TypeError, match="stride: settings are for a source that is opened here"):
+        pipeline.run(room, stride=2)
+    with pytest.raises(TypeError, match=r"dataset\.strid, did you mean"):
+        pipeline.run(ROOM, strid=2)
+
+
+def test_a_run_shows_its_progress_if_it_can(room, monkeypatch, capsys):
+    pipeline = ss.FastSamSplat(segmenter="graph")
+    # Standard error is no terminal here.
+    assert len(list(pipeline.run(room[:2]))) == 2
+    assert capsys.readouterr().err == ""
+    pytest.importorskip("tqdm")
+    assert len(list(pipeline.run(room[:2], progress=True))) == 2
+    assert "2/2" in capsys.readouterr().err
+    monkeypatch.setitem(sys.modules, "tqdm", None)
+    monkeypatch.delitem(sys.modules, "tqdm.auto", raising=False)
+    assert len(list(pipeline.run(room[:2]))) == 2
+    with pytest.raises(ImportError, match=r"progress=True needs tqdm: pip install tqdm"):
+        pipeline.run(room, progress=True)
+
+
+def test_results_in_a_folder_are_those_of_the_command(tmp_path, capfd):
+    one, other = tmp_path / "one", tmp_path / "other"
+    flags = ["--seed=3", "--set=memory.max_votes=8", "--set=dataset.stride=2", "--segmenter=graph"]
+    assert command("run", ROOM, "--out", str(one), *flags).returncode == 0
+    settings = {"memory": {"max_votes": 8}, "dataset": {"stride": 2}}
+    run = ss.run(ROOM, other, segmenter=ss.Graph(), seed=3, save_memory=tmp_path / "map.ply", **settings)
+    assert "format synthetic" in capfd.readouterr().err
+    names = sorted(path.name for path in (one / "segments").iterdir())
+    assert len(names) == 4
+    for name in names:
+        assert (one / "segments" / name).read_bytes() == (other / "segments" / name).read_bytes()
+    assert (run.out, run.page, run.summary["frames"]) == (other, other / "index.html", 4)
+    listed = json.loads((one / "objects.json").read_text())["objects"]
+    assert [entry.id for entry in run.objects()] == [entry["id"] for entry in listed]
+    assert len(ss.FastSamSplat.load(tmp_path / "map.ply").objects()) >= 3
+    assert repr(run) == f"<splatseg.Run {str(other)!r}: 4 frames>"
+
+
+def test_a_run_that_is_not_possible_raises(tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "file").write_text("")
+    for source, target, more, message in [
+        ("nowhere", tmp_path / "new", {}, "nowhere: does not exist"),
+        (ROOM, out, {}, "folder is not empty"),
+        (ROOM, tmp_path / "new", {"sed": 3}, "there is no setting sed"),
+    ]:
+        with pytest.raises(ValueError, match=message):
+            ss.run(source, target, **more)
+    with pytest.raises(TypeError, match="segmenter is a function"):
+        ss.run(ROOM, tmp_path / "new", segmenter=lambda rgb, depth: None)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_ctrl_c_ends_a_run_and_keeps_what_is_done(tmp_path):
+    out = tmp_path / "out"
+    scene = ROOM.replace("frames=8", "frames=4000")
+    program = [sys.executable, "-c", f"import splatseg as ss; ss.run({scene!r}, {str(out)!r}, segmenter='graph')"]
+    process = subprocess.Popen(program, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    deadline = time.monotonic() + 30
+    while not (out / "segments/frame-000002.png").exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    # As a terminal does: to all processes of the group.
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode != 0 and "KeyboardInterrupt" in errors, errors
+    assert (out / "summary.json").exists()
