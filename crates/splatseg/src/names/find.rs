@@ -5,7 +5,7 @@ use super::query::{AskedSize, Query};
 use super::vocabulary::Vocabulary;
 use serde::Serialize;
 use splatseg_geometry::SegmentId;
-use splatseg_objects::{LabelScore, NameError, Object, ObjectList, ObjectNames, ObjectState};
+use splatseg_objects::{LabelScore, NameError, Object, ObjectList, ObjectNames};
 
 /// Objects whose score is less than this share of the best are left out.
 const MIN_SHARE: f32 = 0.25;
