@@ -222,8 +222,7 @@ fn a_folder_of_recordings_is_listed() {
     fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("../dataset/tests/data/mcap/room.mcap"), place("a.mcap"))
         .unwrap();
     fs::write(place("b.mcap"), "no recording").unwrap();
-    fs::create_dir(place("kitchen")).unwrap();
-    numbered_scene(&place("kitchen"), 3);
+    fs::rename(numbered_scene(folder.path(), 3), place("kitchen")).unwrap();
     fs::create_dir(place("notes")).unwrap();
     fs::write(place("notes/todo.txt"), "nothing").unwrap();
     let ended = inspect(folder.path(), &[]);
