@@ -18,13 +18,15 @@ pub use votes::Votes;
 
 use crate::map::{NewGaussian, retain};
 use crate::ply::SplatContentView;
-use crate::recall::{Recall, StoreTile, TileSurface, cut};
+use crate::recall::{Recall, StoreTile};
 use crate::segment_store::{LearningExtent, SegmentStore};
 use crate::settings::COVERED;
+use crate::tile_surface::{RUN, SurfaceDepths, TileSurface, cut, run_mut};
 use crate::{MemoryError, MemorySettings, SegmentHold, Verdict};
 use census::{Census, CensusChanges};
 use rayon::prelude::*;
 use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_kernels::{Instructions, Vectorize};
 use splatseg_render::{Splats, TileWeights};
 use std::collections::{BTreeMap, BTreeSet};
 use voting::FrameVotes;
@@ -110,26 +112,46 @@ impl EvidenceStore {
         observed: &[f32; PIXELS],
         verdicts: &[Verdict],
     ) -> (Vec<SegmentId>, Vec<f32>) {
+        let depths = SurfaceDepths::new(observed, &self.settings);
+        Instructions::best().run(SumEvidence { store: self, tile, depths: &depths, verdicts })
+    }
+}
+
+/// The sum of [`EvidenceStore::evidence`].
+struct SumEvidence<'a> {
+    store: &'a EvidenceStore,
+    tile: &'a TileWeights,
+    depths: &'a SurfaceDepths,
+    verdicts: &'a [Verdict],
+}
+
+impl Vectorize for SumEvidence<'_> {
+    type Output = (Vec<SegmentId>, Vec<f32>);
+
+    #[inline(always)]
+    fn run(self) -> (Vec<SegmentId>, Vec<f32>) {
+        let Self { store, tile, depths, verdicts } = self;
         let (mut ids, mut evidence): (Vec<SegmentId>, Vec<f32>) = (Vec::new(), Vec::new());
         let mut light = [1.0f32; PIXELS];
-        let mut counted: Vec<(u8, f32)> = Vec::with_capacity(PIXELS);
+        let mut counted = [[0f32; RUN]; PIXELS / RUN];
         for (column, gaussian) in tile.gaussians().iter().enumerate() {
             let depth = tile.depths()[column];
-            counted.clear();
-            for (pixel, weight) in tile.column(column) {
-                let observed = observed[usize::from(pixel)];
-                let behind = if observed > 0.0 { depth - observed } else { 0.0 };
-                let tolerance = self.settings.tolerance_at(observed);
-                if behind < -tolerance {
-                    light[usize::from(pixel)] -= weight;
-                } else if behind <= tolerance {
-                    counted.push((pixel, weight));
+            let mut any = 0;
+            for ((first, weights), counted) in tile.runs(column).zip(&mut counted) {
+                let (nearest, farthest) = depths.of_run(first);
+                let light = run_mut(&mut light, first);
+                for lane in 0..RUN {
+                    let is_in_front = depth < nearest[lane];
+                    light[lane] -= if is_in_front { weights[lane] } else { 0.0 };
+                    let is_counted = !is_in_front & (depth <= farthest[lane]);
+                    counted[lane] = if is_counted { weights[lane] } else { 0.0 };
                 }
+                any |= counted.iter().fold(0, |all, weight| all | weight.to_bits());
             }
-            if counted.is_empty() {
+            if any == 0 {
                 continue;
             }
-            for (id, votes) in self.votes_with(verdicts, *gaussian as usize).iter() {
+            for (id, votes) in store.votes_with(verdicts, *gaussian as usize).iter() {
                 // A tile shows few segments, and neighbours mostly show the same one.
                 let place = ids.iter().position(|known| *known == id).unwrap_or_else(|| {
                     ids.push(id);
@@ -137,8 +159,11 @@ impl EvidenceStore {
                     ids.len() - 1
                 });
                 let pixels = &mut evidence.as_chunks_mut::<PIXELS>().0[place];
-                for (pixel, weight) in &counted {
-                    pixels[usize::from(*pixel)] += weight * votes;
+                for ((first, _), counted) in tile.runs(column).zip(&counted) {
+                    let pixels = run_mut(pixels, first);
+                    for lane in 0..RUN {
+                        pixels[lane] += counted[lane] * votes;
+                    }
                 }
             }
         }

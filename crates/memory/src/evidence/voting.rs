@@ -3,9 +3,10 @@
 use super::Votes;
 use super::census::CensusChanges;
 use crate::MemorySettings;
-use crate::recall::cut;
+use crate::tile_surface::{RUN, SurfaceDepths, cut, run};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, SegmentId, SegmentMap};
+use splatseg_kernels::{Instructions, Vectorize};
 use splatseg_render::{BlendWeights, TileWeights};
 use std::collections::BTreeSet;
 
@@ -102,37 +103,71 @@ fn count_tile(
     depth: &CowImage<'_, f32>,
     settings: &MemorySettings,
 ) -> Vec<LabelWeights> {
-    let labels = cut(tile, labels);
-    let observed = cut(tile, depth);
-    let measured = observed.iter().copied().filter(|observed| *observed > 0.0);
-    let (nearest, farthest) = measured.fold((f32::INFINITY, 0.0f32), |(min, max), at| (min.min(at), max.max(at)));
-    tile.gaussians()
-        .iter()
-        .enumerate()
-        .map(|(column, gaussian)| {
-            let mut label_weights = LabelWeights { gaussian: *gaussian, ..LabelWeights::default() };
-            // Runs of one label are added before they are looked up.
-            let (mut current, mut sum) = (0, 0.0);
-            let depth = tile.depths()[column];
-            // Most tiles show one surface: then pixels need no test of their own.
-            let is_near_all =
-                depth <= nearest + settings.tolerance_at(nearest) && depth >= farthest - settings.tolerance_at(nearest);
-            for (pixel, weight) in tile.column(column) {
-                let observed = observed[usize::from(pixel)];
-                if !is_near_all && observed > 0.0 && (depth - observed).abs() > settings.tolerance_at(observed) {
-                    continue;
+    let depths = SurfaceDepths::new(&cut(tile, depth), settings);
+    Instructions::best().run(CountTile { tile, labels: &cut(tile, labels), depths: &depths })
+}
+
+/// The sums of the blend weights of each Gaussian of a tile by label.
+struct CountTile<'a> {
+    tile: &'a TileWeights,
+    labels: &'a [SegmentId; TileWeights::PIXELS],
+    depths: &'a SurfaceDepths,
+}
+
+/// The first pixels of runs, and the weights there that are not yet counted.
+type Uncounted = [(usize, [f32; RUN]); TileWeights::PIXELS / RUN];
+
+impl Vectorize for CountTile<'_> {
+    type Output = Vec<LabelWeights>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<LabelWeights> {
+        let tile = self.tile;
+        let mut counted = Vec::with_capacity(tile.gaussians().len());
+        let mut uncounted: Uncounted = [(0, [0.0; RUN]); TileWeights::PIXELS / RUN];
+        for (column, (gaussian, depth)) in tile.gaussians().iter().zip(tile.depths()).enumerate() {
+            let mut runs = 0;
+            for ((first, weights), uncounted) in tile.runs(column).zip(&mut uncounted) {
+                let (nearest, farthest) = self.depths.of_run(first);
+                uncounted.0 = first;
+                for lane in 0..RUN {
+                    let is_seen = (*depth >= nearest[lane]) & (*depth <= farthest[lane]);
+                    uncounted.1[lane] = if is_seen { weights[lane] } else { 0.0 };
                 }
-                let label = labels[usize::from(pixel)];
-                if label != current {
-                    label_weights.add(current, sum);
-                    (current, sum) = (label, 0.0);
-                }
-                sum += weight;
+                runs += 1;
             }
-            label_weights.add(current, sum);
-            label_weights
-        })
-        .collect()
+            let mut label_weights = LabelWeights { gaussian: *gaussian, ..LabelWeights::default() };
+            self.count_labels(&mut uncounted[..runs], &mut label_weights);
+            counted.push(label_weights);
+        }
+        counted
+    }
+}
+
+impl CountTile<'_> {
+    /// Counts the weights of one label after the other, in the order in which they appear. Most Gaussians show one.
+    #[inline(always)]
+    fn count_labels(&self, runs: &mut [(usize, [f32; RUN])], label_weights: &mut LabelWeights) {
+        let mut start = 0;
+        while start < runs.len() {
+            let (first, weights) = &runs[start];
+            let Some(lane) = weights.iter().position(|weight| *weight > 0.0) else {
+                start += 1;
+                continue;
+            };
+            let label = self.labels[first + lane];
+            let mut sums = [0f32; RUN];
+            for (first, weights) in &mut runs[start..] {
+                let labels = run(self.labels, *first);
+                for lane in 0..RUN {
+                    let is_counted = labels[lane] == label;
+                    sums[lane] += if is_counted { weights[lane] } else { 0.0 };
+                    weights[lane] = if is_counted { 0.0 } else { weights[lane] };
+                }
+            }
+            label_weights.add(label, sums.iter().sum());
+        }
+    }
 }
 
 /// Sums the tiles' entries for the Gaussians from `first` on, in tile order, and adds their votes.
