@@ -40,7 +40,11 @@ fn frames(criterion: &mut Criterion) {
         group.bench_function("fuse", |bencher| bencher.iter(|| memory.borrow().fuse(&view, ids)));
         group.bench_function("second_opinion", |bencher| bencher.iter(|| memory.borrow().second_opinion(&view)));
         group.bench_function("learn", |bencher| {
-            bencher.iter_batched(recall, |recall| learn(&mut memory.borrow_mut(), recall, ids), BatchSize::PerIteration);
+            bencher.iter_batched(
+                recall,
+                |recall| learn(&mut memory.borrow_mut(), recall, ids),
+                BatchSize::PerIteration,
+            );
         });
         group.finish();
     }

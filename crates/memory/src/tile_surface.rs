@@ -43,23 +43,49 @@ impl SurfaceDepths {
         Self { nearest, farthest }
     }
 
-    /// The bounds `nearest` and `farthest` at the pixels of the run that starts at `first`.
+    /// Of the weights of a run of a Gaussian at this depth, those at pixels where it belongs to the frame's surface; 0 at
+    /// the others.
     #[inline(always)]
-    pub fn of_run(&self, first: usize) -> (&[f32; RUN], &[f32; RUN]) {
-        (run(&self.nearest, first), run(&self.farthest, first))
+    pub fn seen(&self, first: u8, depth: f32, weights: &[f32; RUN]) -> [f32; RUN] {
+        let (nearest, farthest, mut seen) = (*run(&self.nearest, first), *run(&self.farthest, first), *weights);
+        for lane in 0..RUN {
+            let is_seen = (depth >= nearest[lane]) & (depth <= farthest[lane]);
+            seen[lane] = if is_seen { seen[lane] } else { 0.0 };
+        }
+        seen
     }
+
+    /// Of the same weights, those at pixels where it lies in front of the frame's surface.
+    #[inline(always)]
+    pub fn in_front(&self, first: u8, depth: f32, weights: &[f32; RUN]) -> [f32; RUN] {
+        let (nearest, mut in_front) = (*run(&self.nearest, first), *weights);
+        for lane in 0..RUN {
+            in_front[lane] = if depth < nearest[lane] { in_front[lane] } else { 0.0 };
+        }
+        in_front
+    }
+}
+
+/// True if a weight of a run is not 0.
+#[inline(always)]
+pub(crate) fn any(weights: &[f32; RUN]) -> bool {
+    let mut bits = 0;
+    for weight in weights {
+        bits |= weight.to_bits();
+    }
+    bits != 0
 }
 
 /// The values at the pixels of the run of a [`TileWeights`] that starts at `first`.
 #[inline(always)]
-pub(crate) fn run<T>(pixels: &[T; PIXELS], first: usize) -> &[T; RUN] {
-    pixels[first..].first_chunk().expect("a run ends inside its tile")
+pub(crate) fn run<T>(pixels: &[T; PIXELS], first: u8) -> &[T; RUN] {
+    pixels[usize::from(first)..].first_chunk().expect("a run ends inside its tile")
 }
 
 /// As [`run`].
 #[inline(always)]
-pub(crate) fn run_mut<T>(pixels: &mut [T; PIXELS], first: usize) -> &mut [T; RUN] {
-    pixels[first..].first_chunk_mut().expect("a run ends inside its tile")
+pub(crate) fn run_mut<T>(pixels: &mut [T; PIXELS], first: u8) -> &mut [T; RUN] {
+    pixels[usize::from(first)..].first_chunk_mut().expect("a run ends inside its tile")
 }
 
 /// Copies a tile's part of an image, `[16, 16]`; the default value beyond the image.
@@ -96,17 +122,23 @@ impl Vectorize for AddAll<'_> {
     #[inline(always)]
     fn run(self) {
         let Self { surface, tile, depths } = self;
-        for (column, own) in tile.depths().iter().enumerate() {
-            for (first, weights) in tile.runs(column) {
-                let (_, farthest) = depths.of_run(first);
-                let silhouette = run_mut(&mut surface.silhouette, first);
-                let depth = run_mut(&mut surface.depth, first);
-                let covered = run_mut(&mut surface.covered, first);
+        for column in 0..tile.depths().len() {
+            let own = tile.depths()[column];
+            let (firsts, weights) = tile.runs(column);
+            for index in 0..firsts.len().min(weights.len()) {
+                let (first, weights) = (firsts[index], weights[index]);
+                let farthest = *run(&depths.farthest, first);
+                let mut silhouette = *run(&surface.silhouette, first);
+                let mut depth = *run(&surface.depth, first);
+                let mut covered = *run(&surface.covered, first);
                 for lane in 0..RUN {
                     silhouette[lane] += weights[lane];
                     depth[lane] += weights[lane] * own;
-                    covered[lane] += if *own <= farthest[lane] { weights[lane] } else { 0.0 };
+                    covered[lane] += if own <= farthest[lane] { weights[lane] } else { 0.0 };
                 }
+                *run_mut(&mut surface.silhouette, first) = silhouette;
+                *run_mut(&mut surface.depth, first) = depth;
+                *run_mut(&mut surface.covered, first) = covered;
             }
         }
         for (depth, silhouette) in surface.depth.iter_mut().zip(&surface.silhouette) {

@@ -211,9 +211,15 @@ impl TileWeights {
     pub(crate) fn restricted(&self, pixels: &PixelSet, min_weight: f32) -> Self {
         let mut kept = Self::empty(self.left, self.top, self.width, self.height);
         for (column, gaussian) in self.gaussians.iter().enumerate() {
-            for (first, weights) in self.runs(column) {
-                let is_kept = |lane: usize| pixels.contains((first + lane) as u8) && weights[lane] > min_weight;
-                kept.push_run(first, &std::array::from_fn(|lane| if is_kept(lane) { weights[lane] } else { 0.0 }));
+            let (firsts, weights) = self.runs(column);
+            for (first, weights) in firsts.iter().zip(weights) {
+                let mut chosen = *weights;
+                for (lane, weight) in chosen.iter_mut().enumerate() {
+                    if !(pixels.contains(first + lane as u8) && *weight > min_weight) {
+                        *weight = 0.0;
+                    }
+                }
+                kept.push_run(usize::from(*first), &chosen);
             }
             kept.finish_column(*gaussian, self.depths[column]);
         }

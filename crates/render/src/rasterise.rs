@@ -33,12 +33,7 @@ pub(crate) struct TileRasteriser {
 
 impl TileRasteriser {
     pub fn new() -> Self {
-        Self {
-            light: [0.0; PIXELS],
-            live_columns: [0; TILE],
-            live_rows: 0,
-            weights: TileWeights::empty(0, 0, 0, 0),
-        }
+        Self { light: [0.0; PIXELS], live_columns: [0; TILE], live_rows: 0, weights: TileWeights::empty(0, 0, 0, 0) }
     }
 
     /// Blends the Gaussians `keys`, front to back, into tile number `tile`.
@@ -110,25 +105,29 @@ impl TileRasteriser {
         let [a, b, c] = splat.conic;
         let dy = mean[1] - row as f32;
         let from_start = mean[0] - start as f32;
-        let light = lanes(&mut self.light, row * TILE + start);
-        let mut weights = [0f32; LANES];
-        let mut finished = 0;
-        for lane in 0..LANES {
+        let mut alpha = [0f32; LANES];
+        for (lane, alpha) in alpha.iter_mut().enumerate() {
             let dx = from_start - LANE_OFFSETS[lane];
             let sigma = 0.5 * (a * dx * dx + c * dy * dy) + b * dx * dy;
             let unbounded = splat.opacity * exp_negative(sigma);
             let bounded = if unbounded < limits.max_alpha { unbounded } else { limits.max_alpha };
             // Zero means "skipped"; a NaN sigma is skipped too.
-            let alpha = if (sigma >= 0.0) & (bounded >= limits.min_alpha) { bounded } else { 0.0 };
-            let before = light[lane];
-            let next = before * (1.0 - alpha);
-            // Live pixels have more light than the minimum, finished ones have none.
-            let is_live = next > limits.min_transmittance;
-            weights[lane] = if is_live { alpha * before } else { 0.0 };
-            light[lane] = if is_live { next } else { 0.0 };
-            finished += u32::from((before > 0.0) & !is_live);
+            *alpha = if (sigma >= 0.0) & (bounded >= limits.min_alpha) { bounded } else { 0.0 };
         }
-        if finished > 0 {
+        let light = lanes(&mut self.light, row * TILE + start);
+        let (before, mut after, mut weights) = (*light, [0f32; LANES], [0f32; LANES]);
+        for lane in 0..LANES {
+            let next = before[lane] * (1.0 - alpha[lane]);
+            // Live pixels have more light than the minimum, finished ones have none.
+            after[lane] = if next > limits.min_transmittance { next } else { 0.0 };
+            weights[lane] = if next > limits.min_transmittance { alpha[lane] * before[lane] } else { 0.0 };
+        }
+        *light = after;
+        let mut finished = 0;
+        for lane in 0..LANES {
+            finished |= if after[lane] == 0.0 { before[lane].to_bits() } else { 0 };
+        }
+        if finished != 0 {
             self.update_live_bits(start, row);
         }
         weights

@@ -65,7 +65,11 @@ impl TileWeights {
     #[inline(always)]
     pub(crate) fn push_run(&mut self, first: usize, weights: &[f32; LANES]) {
         // Weights are not negative, so their bits say which are 0.
-        if weights.iter().fold(0, |all, weight| all | weight.to_bits()) != 0 {
+        let mut bits = 0;
+        for weight in weights {
+            bits |= weight.to_bits();
+        }
+        if bits != 0 {
             self.firsts.push(first as u8);
             self.weights.push(*weights);
         }
@@ -121,21 +125,26 @@ impl TileWeights {
         &self.depths
     }
 
-    /// The pixels (`16 * row + column` in the tile) and weights of the tile's `column`-th Gaussian, without those of 0.
+    /// The pixels (`16 * row + column` in the tile) and weights of the tile's `column`-th Gaussian, without those of 0. For
+    /// code that must be fast, [`Self::runs`].
     #[inline(always)]
     pub fn column(&self, column: usize) -> impl Iterator<Item = (u8, f32)> + '_ {
-        self.runs(column).flat_map(|(first, weights)| {
+        let (firsts, weights) = self.runs(column);
+        firsts.iter().zip(weights).flat_map(|(first, weights)| {
             let pixels = weights.iter().enumerate().filter(|(_, weight)| **weight > 0.0);
-            pixels.map(move |(lane, weight)| ((first + lane) as u8, *weight))
+            pixels.map(move |(lane, weight)| (first + lane as u8, *weight))
         })
     }
 
-    /// The runs of the tile's `column`-th Gaussian: the first pixel (`16 * row + column` in the tile), and the weights of
-    /// this and the next seven pixels of its row. Pixels at which the Gaussian is not blended have the weight 0.
+    /// The runs of the tile's `column`-th Gaussian: the first pixel of each (`16 * row + column` in the tile), and the
+    /// weights of this and the next seven pixels of its row. Pixels at which the Gaussian is not blended have the weight 0.
+    ///
+    /// Vector code over runs copies the values of a run, computes and stores it; with an index, because iterators may be
+    /// called rather than inlined, and conditions on values that were not loaded before become branches.
     #[inline(always)]
-    pub fn runs(&self, column: usize) -> impl Iterator<Item = (usize, &[f32; LANES])> + '_ {
+    pub fn runs(&self, column: usize) -> (&[u8], &[[f32; LANES]]) {
         let range = self.offsets[column] as usize..self.offsets[column + 1] as usize;
-        self.firsts[range.clone()].iter().map(|first| usize::from(*first)).zip(&self.weights[range])
+        (&self.firsts[range.clone()], &self.weights[range])
     }
 
     /// Adds `W v` to `pixels` (`[16, 16, channels]`) for the tile, with `values` `[gaussians of the scene, channels]`.
@@ -165,12 +174,18 @@ impl TileWeights {
         for (column, gaussian) in self.gaussians.iter().enumerate() {
             // A copy, because the compiler cannot rule out that values and pixels alias.
             let value = values[*gaussian as usize];
-            for (pixel, weight) in self.column(column) {
-                let mut sums = pixels[pixel as usize];
-                for channel in 0..C {
-                    sums[channel] += weight * value[channel];
+            let (firsts, weights) = self.runs(column);
+            for index in 0..firsts.len().min(weights.len()) {
+                for lane in 0..LANES {
+                    let (pixel, weight) = (firsts[index].wrapping_add(lane as u8), weights[index][lane]);
+                    if weight > 0.0 {
+                        let mut sums = pixels[pixel as usize];
+                        for channel in 0..C {
+                            sums[channel] += weight * value[channel];
+                        }
+                        pixels[pixel as usize] = sums;
+                    }
                 }
-                pixels[pixel as usize] = sums;
             }
         }
     }
@@ -211,10 +226,16 @@ impl TileWeights {
         let (columns, _) = columns.as_chunks_mut::<C>();
         for (column, sums) in columns.iter_mut().enumerate() {
             let mut registers = [0f32; C];
-            for (pixel, weight) in self.column(column) {
-                let gradient = &pixels[pixel as usize];
-                for channel in 0..C {
-                    registers[channel] += weight * gradient[channel];
+            let (firsts, weights) = self.runs(column);
+            for index in 0..firsts.len().min(weights.len()) {
+                for lane in 0..LANES {
+                    let (pixel, weight) = (firsts[index].wrapping_add(lane as u8), weights[index][lane]);
+                    if weight > 0.0 {
+                        let gradient = &pixels[pixel as usize];
+                        for channel in 0..C {
+                            registers[channel] += weight * gradient[channel];
+                        }
+                    }
                 }
             }
             *sums = registers;

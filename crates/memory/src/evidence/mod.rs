@@ -21,7 +21,7 @@ use crate::ply::SplatContentView;
 use crate::recall::{Recall, StoreTile};
 use crate::segment_store::{LearningExtent, SegmentStore};
 use crate::settings::COVERED;
-use crate::tile_surface::{RUN, SurfaceDepths, TileSurface, cut, run_mut};
+use crate::tile_surface::{RUN, SurfaceDepths, TileSurface, any, cut, run, run_mut};
 use crate::{MemoryError, MemorySettings, SegmentHold, Verdict};
 use census::{Census, CensusChanges};
 use rayon::prelude::*;
@@ -134,24 +134,25 @@ impl Vectorize for SumEvidence<'_> {
         let (mut ids, mut evidence): (Vec<SegmentId>, Vec<f32>) = (Vec::new(), Vec::new());
         let mut light = [1.0f32; PIXELS];
         let mut counted = [[0f32; RUN]; PIXELS / RUN];
-        for (column, gaussian) in tile.gaussians().iter().enumerate() {
-            let depth = tile.depths()[column];
-            let mut any = 0;
-            for ((first, weights), counted) in tile.runs(column).zip(&mut counted) {
-                let (nearest, farthest) = depths.of_run(first);
-                let light = run_mut(&mut light, first);
+        for column in 0..tile.gaussians().len() {
+            let (gaussian, depth) = (tile.gaussians()[column], tile.depths()[column]);
+            let (firsts, weights) = tile.runs(column);
+            let runs = firsts.len().min(weights.len()).min(counted.len());
+            let mut is_seen = false;
+            for index in 0..runs {
+                let in_front = depths.in_front(firsts[index], depth, &weights[index]);
+                let mut left = *run(&light, firsts[index]);
                 for lane in 0..RUN {
-                    let is_in_front = depth < nearest[lane];
-                    light[lane] -= if is_in_front { weights[lane] } else { 0.0 };
-                    let is_counted = !is_in_front & (depth <= farthest[lane]);
-                    counted[lane] = if is_counted { weights[lane] } else { 0.0 };
+                    left[lane] -= in_front[lane];
                 }
-                any |= counted.iter().fold(0, |all, weight| all | weight.to_bits());
+                *run_mut(&mut light, firsts[index]) = left;
+                counted[index] = depths.seen(firsts[index], depth, &weights[index]);
+                is_seen |= any(&counted[index]);
             }
-            if any == 0 {
+            if !is_seen {
                 continue;
             }
-            for (id, votes) in store.votes_with(verdicts, *gaussian as usize).iter() {
+            for (id, votes) in store.votes_with(verdicts, gaussian as usize).iter() {
                 // A tile shows few segments, and neighbours mostly show the same one.
                 let place = ids.iter().position(|known| *known == id).unwrap_or_else(|| {
                     ids.push(id);
@@ -159,11 +160,12 @@ impl Vectorize for SumEvidence<'_> {
                     ids.len() - 1
                 });
                 let pixels = &mut evidence.as_chunks_mut::<PIXELS>().0[place];
-                for ((first, _), counted) in tile.runs(column).zip(&counted) {
-                    let pixels = run_mut(pixels, first);
+                for index in 0..runs {
+                    let mut sums = *run(pixels, firsts[index]);
                     for lane in 0..RUN {
-                        pixels[lane] += counted[lane] * votes;
+                        sums[lane] += counted[index][lane] * votes;
                     }
+                    *run_mut(pixels, firsts[index]) = sums;
                 }
             }
         }

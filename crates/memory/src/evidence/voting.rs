@@ -3,7 +3,7 @@
 use super::Votes;
 use super::census::CensusChanges;
 use crate::MemorySettings;
-use crate::tile_surface::{RUN, SurfaceDepths, cut, run};
+use crate::tile_surface::{RUN, SurfaceDepths, any, cut, run};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, SegmentId, SegmentMap};
 use splatseg_kernels::{Instructions, Vectorize};
@@ -114,9 +114,6 @@ struct CountTile<'a> {
     depths: &'a SurfaceDepths,
 }
 
-/// The first pixels of runs, and the weights there that are not yet counted.
-type Uncounted = [(usize, [f32; RUN]); TileWeights::PIXELS / RUN];
-
 impl Vectorize for CountTile<'_> {
     type Output = Vec<LabelWeights>;
 
@@ -124,20 +121,16 @@ impl Vectorize for CountTile<'_> {
     fn run(self) -> Vec<LabelWeights> {
         let tile = self.tile;
         let mut counted = Vec::with_capacity(tile.gaussians().len());
-        let mut uncounted: Uncounted = [(0, [0.0; RUN]); TileWeights::PIXELS / RUN];
-        for (column, (gaussian, depth)) in tile.gaussians().iter().zip(tile.depths()).enumerate() {
-            let mut runs = 0;
-            for ((first, weights), uncounted) in tile.runs(column).zip(&mut uncounted) {
-                let (nearest, farthest) = self.depths.of_run(first);
-                uncounted.0 = first;
-                for lane in 0..RUN {
-                    let is_seen = (*depth >= nearest[lane]) & (*depth <= farthest[lane]);
-                    uncounted.1[lane] = if is_seen { weights[lane] } else { 0.0 };
-                }
-                runs += 1;
+        let mut uncounted = [[0f32; RUN]; TileWeights::PIXELS / RUN];
+        for column in 0..tile.gaussians().len() {
+            let (gaussian, depth) = (tile.gaussians()[column], tile.depths()[column]);
+            let (firsts, weights) = tile.runs(column);
+            let runs = firsts.len().min(weights.len()).min(uncounted.len());
+            for index in 0..runs {
+                uncounted[index] = self.depths.seen(firsts[index], depth, &weights[index]);
             }
-            let mut label_weights = LabelWeights { gaussian: *gaussian, ..LabelWeights::default() };
-            self.count_labels(&mut uncounted[..runs], &mut label_weights);
+            let mut label_weights = LabelWeights { gaussian, ..LabelWeights::default() };
+            self.count_labels(&firsts[..runs], &mut uncounted[..runs], &mut label_weights);
             counted.push(label_weights);
         }
         counted
@@ -147,25 +140,33 @@ impl Vectorize for CountTile<'_> {
 impl CountTile<'_> {
     /// Counts the weights of one label after the other, in the order in which they appear. Most Gaussians show one.
     #[inline(always)]
-    fn count_labels(&self, runs: &mut [(usize, [f32; RUN])], label_weights: &mut LabelWeights) {
+    fn count_labels(&self, firsts: &[u8], uncounted: &mut [[f32; RUN]], label_weights: &mut LabelWeights) {
+        let runs = firsts.len().min(uncounted.len());
         let mut start = 0;
-        while start < runs.len() {
-            let (first, weights) = &runs[start];
-            let Some(lane) = weights.iter().position(|weight| *weight > 0.0) else {
+        while start < runs {
+            if !any(&uncounted[start]) {
                 start += 1;
                 continue;
-            };
-            let label = self.labels[first + lane];
-            let mut sums = [0f32; RUN];
-            for (first, weights) in &mut runs[start..] {
-                let labels = run(self.labels, *first);
-                for lane in 0..RUN {
-                    let is_counted = labels[lane] == label;
-                    sums[lane] += if is_counted { weights[lane] } else { 0.0 };
-                    weights[lane] = if is_counted { 0.0 } else { weights[lane] };
-                }
             }
-            label_weights.add(label, sums.iter().sum());
+            let mut lane = 0;
+            while lane + 1 < RUN && uncounted[start][lane] == 0.0 {
+                lane += 1;
+            }
+            let label = run(self.labels, firsts[start])[lane];
+            let mut sums = [0f32; RUN];
+            for index in start..runs {
+                let (labels, mut rest) = (*run(self.labels, firsts[index]), uncounted[index]);
+                for lane in 0..RUN {
+                    sums[lane] += if labels[lane] == label { rest[lane] } else { 0.0 };
+                    rest[lane] = if labels[lane] == label { 0.0 } else { rest[lane] };
+                }
+                uncounted[index] = rest;
+            }
+            let mut sum = 0.0;
+            for part in sums {
+                sum += part;
+            }
+            label_weights.add(label, sum);
         }
     }
 }

@@ -4,7 +4,7 @@ use super::NO_PATCH;
 use crate::MemorySettings;
 use crate::recall::Recall;
 use crate::settings::COVERED;
-use crate::tile_surface::{RUN, SurfaceDepths, cut, run_mut};
+use crate::tile_surface::{RUN, SurfaceDepths, cut, run, run_mut};
 use rayon::prelude::*;
 use splatseg_geometry::{Affinities, SegmentId, SegmentMap};
 use splatseg_kernels::{Instructions, Vectorize};
@@ -114,17 +114,21 @@ impl Vectorize for FindStrongest<'_> {
     #[inline(always)]
     fn run(self) -> [u32; TileWeights::PIXELS] {
         let mut strongest = [u32::MAX; TileWeights::PIXELS];
-        let mut most = [0.0; TileWeights::PIXELS];
-        for (column, (gaussian, depth)) in self.tile.gaussians().iter().zip(self.tile.depths()).enumerate() {
-            for (first, weights) in self.tile.runs(column) {
-                let (nearest, farthest) = self.depths.of_run(first);
-                let (most, strongest) = (run_mut(&mut most, first), run_mut(&mut strongest, first));
+        let mut most = [0f32; TileWeights::PIXELS];
+        for column in 0..self.tile.gaussians().len() {
+            let (gaussian, depth) = (self.tile.gaussians()[column], self.tile.depths()[column]);
+            let (firsts, weights) = self.tile.runs(column);
+            for index in 0..firsts.len().min(weights.len()) {
+                let first = firsts[index];
+                let seen = self.depths.seen(first, depth, &weights[index]);
+                let (mut largest, mut winners) = (*run(&most, first), *run(&strongest, first));
                 for lane in 0..RUN {
-                    let is_observed = (*depth >= nearest[lane]) & (*depth <= farthest[lane]);
-                    let is_strongest = is_observed & (weights[lane] > most[lane]);
-                    most[lane] = if is_strongest { weights[lane] } else { most[lane] };
-                    strongest[lane] = if is_strongest { *gaussian } else { strongest[lane] };
+                    let is_strongest = seen[lane] > largest[lane];
+                    winners[lane] = if is_strongest { gaussian } else { winners[lane] };
+                    largest[lane] = if is_strongest { seen[lane] } else { largest[lane] };
                 }
+                *run_mut(&mut most, first) = largest;
+                *run_mut(&mut strongest, first) = winners;
             }
         }
         strongest
