@@ -39,6 +39,7 @@ mod segment_store;
 mod segments;
 mod settings;
 mod splat_memory;
+mod tile_surface;
 
 pub use belief::SegmentBelief;
 pub use error::{LoadMemoryError, MemoryError};
@@ -54,12 +55,13 @@ pub use persistence::Attached;
 pub use ply::{ExportedForm, write_exported};
 pub use ply::{SavedCodes, SavedMemorySettings};
 pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFileView};
-pub use recall::{Recall, StoreTile, TileSurface};
+pub use recall::{Recall, StoreTile};
 pub use replaced::Replacements;
 pub use segment_store::{LearningExtent, SegmentStore, Verdict};
 pub use segments::SegmentHold;
 pub use settings::{GrowthRule, MemorySettings};
 pub use splat_memory::{FrameUpdate, SplatMemory};
+pub use tile_surface::TileSurface;
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -3,9 +3,10 @@
 use crate::removal::{FrameTrust, Visibility, VisibleBalls, visibilities};
 use crate::replaced::SeenGaussian;
 use crate::settings::COVERED;
+use crate::tile_surface::TileSurface;
 use crate::{MemoryRules, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
-use splatseg_geometry::{CowImage, Image, LocalPose, Pose, RgbdFrame, SegmentId, SegmentMap};
+use splatseg_geometry::{Image, LocalPose, Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_render::{Balls, Camera, TileWeights, View};
 
 /// Pixels of a tile.
@@ -54,19 +55,6 @@ pub(crate) struct FramePlace {
     pub viewed_from: LocalPose,
     /// Transform from the world of earlier poses to the world of the frame's pose, if they differ.
     pub jump: Option<Pose>,
-}
-
-/// Surfaces of the frame and of the map in one tile, without segments. Buffers are `[16, 16]`.
-#[derive(Clone, Debug)]
-pub struct TileSurface {
-    /// Accumulated alpha.
-    pub silhouette: [f32; PIXELS],
-    /// Rendered z-depth, metres, divided by the silhouette.
-    pub depth: [f32; PIXELS],
-    /// The frame's z-depth, metres, 0 where missing.
-    pub observed: [f32; PIXELS],
-    /// Accumulated alpha of the Gaussians up to the frame's own surface; of all where depth is missing.
-    pub covered: [f32; PIXELS],
 }
 
 /// The segments that a store reads from one tile of a view. Buffers are `[16, 16]`, row-major.
@@ -230,41 +218,4 @@ impl<'f> Recall<'f> {
         });
         map
     }
-}
-
-impl TileSurface {
-    fn read(tile: &TileWeights, observed: &CowImage<'_, f32>, settings: &MemorySettings) -> Self {
-        let mut surface = Self {
-            silhouette: [0.0; PIXELS],
-            depth: [0.0; PIXELS],
-            covered: [0.0; PIXELS],
-            observed: cut(tile, observed),
-        };
-        let limit = surface
-            .observed
-            .map(|depth| if depth > 0.0 { depth + settings.tolerance_at(depth) } else { f32::INFINITY });
-        for (column, depth) in tile.depths().iter().enumerate() {
-            for (pixel, weight) in tile.column(column) {
-                let pixel = usize::from(pixel);
-                surface.silhouette[pixel] += weight;
-                surface.depth[pixel] += weight * depth;
-                surface.covered[pixel] += if *depth <= limit[pixel] { weight } else { 0.0 };
-            }
-        }
-        for (depth, silhouette) in surface.depth.iter_mut().zip(&surface.silhouette) {
-            *depth = if *silhouette > 0.0 { *depth / silhouette } else { 0.0 };
-        }
-        surface
-    }
-}
-
-/// Copies a tile's part of an image, `[16, 16]`; the default value beyond the image.
-pub(crate) fn cut<T: Copy + Default>(tile: &TileWeights, image: &CowImage<'_, T>) -> [T; PIXELS] {
-    let ((left, top), (width, height)) = (tile.origin(), tile.size());
-    let mut part = [T::default(); PIXELS];
-    for row in 0..height {
-        let from = row * TileWeights::SIDE;
-        part[from..from + width].copy_from_slice(&image.row(top + row)[left..left + width]);
-    }
-    part
 }

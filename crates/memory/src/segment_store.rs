@@ -2,7 +2,8 @@
 
 use crate::map::NewGaussian;
 use crate::ply::SplatContentView;
-use crate::recall::{Recall, StoreTile, TileSurface};
+use crate::recall::{Recall, StoreTile};
+use crate::tile_surface::TileSurface;
 use crate::{MemoryError, MemoryRules, SegmentHold};
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_render::{Splats, TileWeights};

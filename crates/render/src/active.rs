@@ -152,14 +152,15 @@ impl PixelRows {
     /// Counting sort by pixel; the weights of one pixel stay front to back.
     fn from_tile(tile: &TileWeights) -> Self {
         let mut offsets = vec![0u32; TileWeights::PIXELS + 1];
-        for pixel in &tile.pixels {
-            offsets[usize::from(*pixel) + 1] += 1;
+        for (pixel, _) in (0..tile.gaussians.len()).flat_map(|column| tile.column(column)) {
+            offsets[usize::from(pixel) + 1] += 1;
         }
         for pixel in 0..TileWeights::PIXELS {
             offsets[pixel + 1] += offsets[pixel];
         }
         let mut next = offsets.clone();
-        let (mut gaussians, mut weights) = (vec![0; tile.pixels.len()], vec![0.0; tile.pixels.len()]);
+        let count = offsets[TileWeights::PIXELS] as usize;
+        let (mut gaussians, mut weights) = (vec![0; count], vec![0.0; count]);
         for (column, gaussian) in tile.gaussians.iter().enumerate() {
             for (pixel, weight) in tile.column(column) {
                 let place = &mut next[usize::from(pixel)];
@@ -173,14 +174,15 @@ impl PixelRows {
 }
 
 fn weight_sums(all_tiles: &[TileWeights], number: &[u32], count: usize) -> Vec<f32> {
+    let sums_of = |tile: &TileWeights| {
+        let numbered = tile.gaussians.iter().map(|gaussian| number[*gaussian as usize]).enumerate();
+        let active = numbered.filter(|(_, number)| *number != UNNUMBERED);
+        active.map(|(column, number)| (number as usize, tile.weight_sum(column))).collect()
+    };
+    let by_tile: Vec<Vec<(usize, f32)>> = all_tiles.par_iter().map(sums_of).collect();
     let mut sums = vec![0f32; count];
-    for tile in all_tiles {
-        for (gaussian, sum) in tile.gaussians.iter().zip(&tile.weight_sums) {
-            let number = number[*gaussian as usize];
-            if number != UNNUMBERED {
-                sums[number as usize] += sum;
-            }
-        }
+    for (number, sum) in by_tile.into_iter().flatten() {
+        sums[number] += sum;
     }
     sums
 }
@@ -208,19 +210,18 @@ impl TileWeights {
     /// The weights above `min_weight` at the given pixels; Gaussians without such a weight are omitted.
     pub(crate) fn restricted(&self, pixels: &PixelSet, min_weight: f32) -> Self {
         let mut kept = Self::empty(self.left, self.top, self.width, self.height);
-        let (mut column_pixels, mut column_weights) = (Vec::with_capacity(256), Vec::with_capacity(256));
         for (column, gaussian) in self.gaussians.iter().enumerate() {
-            column_pixels.clear();
-            column_weights.clear();
-            for (pixel, weight) in self.column(column) {
-                if pixels.contains(pixel) && weight > min_weight {
-                    column_pixels.push(pixel);
-                    column_weights.push(weight);
+            let (firsts, weights) = self.runs(column);
+            for (first, weights) in firsts.iter().zip(weights) {
+                let mut chosen = *weights;
+                for (lane, weight) in chosen.iter_mut().enumerate() {
+                    if !(pixels.contains(first + lane as u8) && *weight > min_weight) {
+                        *weight = 0.0;
+                    }
                 }
+                kept.push_run(usize::from(*first), &chosen);
             }
-            if !column_pixels.is_empty() {
-                kept.push_weights(*gaussian, self.depths[column], &column_pixels, &column_weights);
-            }
+            kept.finish_column(*gaussian, self.depths[column]);
         }
         kept
     }

@@ -17,15 +17,17 @@ mod gaussians;
 mod pixel_set;
 mod projection;
 mod rasterise;
+mod tile_weights;
 mod tiles;
 mod view;
 
 pub use active::{ActiveTile, ActiveWeights};
-pub use blend_weights::{BlendWeights, TileWeights};
+pub use blend_weights::BlendWeights;
 pub use camera::{Camera, RasterLimits};
 pub use gaussians::{Balls, Gaussians, Shape, Splats};
 pub use pixel_set::PixelSet;
 pub use projection::{ProjectedGaussian, project, project_one};
+pub use tile_weights::TileWeights;
 pub use view::View;
 
 #[cfg(doctest)]

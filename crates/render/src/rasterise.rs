@@ -1,15 +1,13 @@
 //! Alpha blending inside one tile: computes the weight of each Gaussian at each pixel.
 
 use crate::camera::RasterLimits;
+use crate::tile_weights::LANES;
 use crate::tiles::{DepthKey, TILE, TileGrid};
 use crate::{ProjectedGaussian, TileWeights};
 use splatseg_kernels::exp::exp_negative;
 use splatseg_kernels::{Instructions, Vectorize};
 
 const PIXELS: usize = TILE * TILE;
-/// Pixels of a row that are blended together. Most Gaussians of an RGB-D map are narrower.
-const LANES: usize = 8;
-
 /// Number of Gaussians fetched ahead of their blending.
 const AHEAD: usize = 32;
 
@@ -24,30 +22,18 @@ pub(crate) struct Scene<'a> {
 
 /// Working memory for rasterising tiles, reused from tile to tile.
 pub(crate) struct TileRasteriser {
-    transmittance: [f32; PIXELS],
-    /// 1 while more Gaussians can be blended at the pixel, 0 when it is finished or outside the image.
-    live: [f32; PIXELS],
-    /// The same as `live`, with one bit per column of each row.
+    /// Transmittance while more Gaussians can be blended at the pixel, 0 when it is finished or outside the image.
+    light: [f32; PIXELS],
+    /// One bit per column of each row is set where `light` is not 0.
     live_columns: [u32; TILE],
     /// Bit `r` is set while row `r` has a live pixel.
     live_rows: u32,
-    /// Pixels and weights of the Gaussian being blended, with room for lanes beyond the last pixel.
-    column_pixels: [u8; PIXELS + LANES],
-    column_weights: [f32; PIXELS + LANES],
     weights: TileWeights,
 }
 
 impl TileRasteriser {
     pub fn new() -> Self {
-        Self {
-            transmittance: [1.0; PIXELS],
-            live: [1.0; PIXELS],
-            live_columns: [0; TILE],
-            live_rows: 0,
-            column_pixels: [0; PIXELS + LANES],
-            column_weights: [0.0; PIXELS + LANES],
-            weights: TileWeights::empty(0, 0, 0, 0),
-        }
+        Self { light: [0.0; PIXELS], live_columns: [0; TILE], live_rows: 0, weights: TileWeights::empty(0, 0, 0, 0) }
     }
 
     /// Blends the Gaussians `keys`, front to back, into tile number `tile`.
@@ -64,16 +50,12 @@ impl TileRasteriser {
     }
 
     fn clear(&mut self, width: usize, height: usize) {
-        self.transmittance = [1.0; PIXELS];
+        self.light = [0.0; PIXELS];
         self.live_columns = [0; TILE];
-        self.live_rows = 0;
-        for row in 0..TILE {
-            for column in 0..TILE {
-                let live = row < height && column < width;
-                self.live[row * TILE + column] = if live { 1.0 } else { 0.0 };
-                self.live_columns[row] |= u32::from(live) << column;
-            }
-            self.live_rows |= u32::from(self.live_columns[row] != 0) << row;
+        self.live_rows = (1 << height) - 1;
+        for row in 0..height {
+            self.light[row * TILE..row * TILE + width].fill(1.0);
+            self.live_columns[row] = (1 << width) - 1;
         }
     }
 
@@ -98,20 +80,16 @@ impl TileRasteriser {
         let window = first_column.min(TILE - LANES);
         let starts: &[usize] = if last_column < window + LANES { &[window] } else { &[0, LANES] };
         let columns = ((2u32 << last_column) - 1) & !((1 << first_column) - 1);
-        let mut kept = 0;
         for row in first_row..=last_row {
             // Skips finished rows: behind the nearest surfaces, most pixels are finished.
             if self.live_columns[row] & columns != 0 {
                 for start in starts {
                     let weights = self.blend_lanes(splat, [x, y], [*start, row], limits);
-                    kept = self.keep(&weights, row * TILE + start, kept);
+                    self.weights.push_run(row * TILE + start, &weights);
                 }
             }
         }
-        if kept > 0 {
-            let (pixels, weights) = (&self.column_pixels[..kept], &self.column_weights[..kept]);
-            self.weights.push_weights(splat.gaussian, splat.depth, pixels, weights);
-        }
+        self.weights.finish_column(splat.gaussian, splat.depth);
     }
 
     /// Blends one Gaussian over [`LANES`] pixels of a row and returns its weights there. Branch-free, so that the
@@ -124,7 +102,6 @@ impl TileRasteriser {
         [start, row]: [usize; 2],
         limits: &RasterLimits,
     ) -> [f32; LANES] {
-        let from = row * TILE + start;
         let [a, b, c] = splat.conic;
         let dy = mean[1] - row as f32;
         let from_start = mean[0] - start as f32;
@@ -137,21 +114,20 @@ impl TileRasteriser {
             // Zero means "skipped"; a NaN sigma is skipped too.
             *alpha = if (sigma >= 0.0) & (bounded >= limits.min_alpha) { bounded } else { 0.0 };
         }
-        let (transmittance, live) = (lanes(&mut self.transmittance, from), lanes(&mut self.live, from));
-        let mut weights = [0f32; LANES];
-        let mut still_live = [0f32; LANES];
+        let light = lanes(&mut self.light, row * TILE + start);
+        let (before, mut after, mut weights) = (*light, [0f32; LANES], [0f32; LANES]);
         for lane in 0..LANES {
-            let before = transmittance[lane];
-            let alpha = alpha[lane] * live[lane];
-            let next = before * (1.0 - alpha);
-            let stop = if (next <= limits.min_transmittance) & (alpha > 0.0) { 1.0 } else { 0.0 };
-            let blended = alpha * (1.0 - stop);
-            weights[lane] = blended * before;
-            transmittance[lane] = before * (1.0 - blended);
-            still_live[lane] = live[lane] - stop;
+            let next = before[lane] * (1.0 - alpha[lane]);
+            // Live pixels have more light than the minimum, finished ones have none.
+            after[lane] = if next > limits.min_transmittance { next } else { 0.0 };
+            weights[lane] = if next > limits.min_transmittance { alpha[lane] * before[lane] } else { 0.0 };
         }
-        if still_live != *live {
-            *live = still_live;
+        *light = after;
+        let mut finished = 0;
+        for lane in 0..LANES {
+            finished |= if after[lane] == 0.0 { before[lane].to_bits() } else { 0 };
+        }
+        if finished != 0 {
             self.update_live_bits(start, row);
         }
         weights
@@ -160,27 +136,13 @@ impl TileRasteriser {
     /// Updates the bits of live pixels after some pixels of a window have finished.
     fn update_live_bits(&mut self, start: usize, row: usize) {
         for column in start..start + LANES {
-            if self.live[row * TILE + column] == 0.0 {
+            if self.light[row * TILE + column] == 0.0 {
                 self.live_columns[row] &= !(1 << column);
             }
         }
         if self.live_columns[row] == 0 {
             self.live_rows &= !(1 << row);
         }
-    }
-
-    /// Appends the non-zero weights to the column and returns its new length.
-    #[inline(always)]
-    fn keep(&mut self, weights: &[f32; LANES], from: usize, mut kept: usize) -> usize {
-        if weights.iter().map(|weight| u32::from(*weight > 0.0)).sum::<u32>() == 0 {
-            return kept;
-        }
-        for (lane, weight) in weights.iter().enumerate() {
-            self.column_weights[kept] = *weight;
-            self.column_pixels[kept] = (from + lane) as u8;
-            kept += usize::from(*weight > 0.0);
-        }
-        kept
     }
 }
 

@@ -18,13 +18,15 @@ pub use votes::Votes;
 
 use crate::map::{NewGaussian, retain};
 use crate::ply::SplatContentView;
-use crate::recall::{Recall, StoreTile, TileSurface, cut};
+use crate::recall::{Recall, StoreTile};
 use crate::segment_store::{LearningExtent, SegmentStore};
 use crate::settings::COVERED;
+use crate::tile_surface::{RUN, SurfaceDepths, TileSurface, any, cut, run, run_mut};
 use crate::{MemoryError, MemorySettings, SegmentHold, Verdict};
 use census::{Census, CensusChanges};
 use rayon::prelude::*;
 use splatseg_geometry::{SegmentId, SegmentMap};
+use splatseg_kernels::{Instructions, Vectorize};
 use splatseg_render::{Splats, TileWeights};
 use std::collections::{BTreeMap, BTreeSet};
 use voting::FrameVotes;
@@ -110,26 +112,47 @@ impl EvidenceStore {
         observed: &[f32; PIXELS],
         verdicts: &[Verdict],
     ) -> (Vec<SegmentId>, Vec<f32>) {
+        let depths = SurfaceDepths::new(observed, &self.settings);
+        Instructions::best().run(SumEvidence { store: self, tile, depths: &depths, verdicts })
+    }
+}
+
+/// The sum of [`EvidenceStore::evidence`].
+struct SumEvidence<'a> {
+    store: &'a EvidenceStore,
+    tile: &'a TileWeights,
+    depths: &'a SurfaceDepths,
+    verdicts: &'a [Verdict],
+}
+
+impl Vectorize for SumEvidence<'_> {
+    type Output = (Vec<SegmentId>, Vec<f32>);
+
+    #[inline(always)]
+    fn run(self) -> (Vec<SegmentId>, Vec<f32>) {
+        let Self { store, tile, depths, verdicts } = self;
         let (mut ids, mut evidence): (Vec<SegmentId>, Vec<f32>) = (Vec::new(), Vec::new());
         let mut light = [1.0f32; PIXELS];
-        let mut counted: Vec<(u8, f32)> = Vec::with_capacity(PIXELS);
-        for (column, gaussian) in tile.gaussians().iter().enumerate() {
-            let depth = tile.depths()[column];
-            counted.clear();
-            for (pixel, weight) in tile.column(column) {
-                let observed = observed[usize::from(pixel)];
-                let behind = if observed > 0.0 { depth - observed } else { 0.0 };
-                let tolerance = self.settings.tolerance_at(observed);
-                if behind < -tolerance {
-                    light[usize::from(pixel)] -= weight;
-                } else if behind <= tolerance {
-                    counted.push((pixel, weight));
+        let mut counted = [[0f32; RUN]; PIXELS / RUN];
+        for column in 0..tile.gaussians().len() {
+            let (gaussian, depth) = (tile.gaussians()[column], tile.depths()[column]);
+            let (firsts, weights) = tile.runs(column);
+            let runs = firsts.len().min(weights.len()).min(counted.len());
+            let mut is_seen = false;
+            for index in 0..runs {
+                let in_front = depths.in_front(firsts[index], depth, &weights[index]);
+                let mut left = *run(&light, firsts[index]);
+                for lane in 0..RUN {
+                    left[lane] -= in_front[lane];
                 }
+                *run_mut(&mut light, firsts[index]) = left;
+                counted[index] = depths.seen(firsts[index], depth, &weights[index]);
+                is_seen |= any(&counted[index]);
             }
-            if counted.is_empty() {
+            if !is_seen {
                 continue;
             }
-            for (id, votes) in self.votes_with(verdicts, *gaussian as usize).iter() {
+            for (id, votes) in store.votes_with(verdicts, gaussian as usize).iter() {
                 // A tile shows few segments, and neighbours mostly show the same one.
                 let place = ids.iter().position(|known| *known == id).unwrap_or_else(|| {
                     ids.push(id);
@@ -137,8 +160,12 @@ impl EvidenceStore {
                     ids.len() - 1
                 });
                 let pixels = &mut evidence.as_chunks_mut::<PIXELS>().0[place];
-                for (pixel, weight) in &counted {
-                    pixels[usize::from(*pixel)] += weight * votes;
+                for index in 0..runs {
+                    let mut sums = *run(pixels, firsts[index]);
+                    for lane in 0..RUN {
+                        sums[lane] += counted[index][lane] * votes;
+                    }
+                    *run_mut(pixels, firsts[index]) = sums;
                 }
             }
         }

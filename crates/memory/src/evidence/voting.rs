@@ -3,9 +3,10 @@
 use super::Votes;
 use super::census::CensusChanges;
 use crate::MemorySettings;
-use crate::recall::cut;
+use crate::tile_surface::{RUN, SurfaceDepths, any, cut, run};
 use rayon::prelude::*;
 use splatseg_geometry::{CowImage, SegmentId, SegmentMap};
+use splatseg_kernels::{Instructions, Vectorize};
 use splatseg_render::{BlendWeights, TileWeights};
 use std::collections::BTreeSet;
 
@@ -102,37 +103,72 @@ fn count_tile(
     depth: &CowImage<'_, f32>,
     settings: &MemorySettings,
 ) -> Vec<LabelWeights> {
-    let labels = cut(tile, labels);
-    let observed = cut(tile, depth);
-    let measured = observed.iter().copied().filter(|observed| *observed > 0.0);
-    let (nearest, farthest) = measured.fold((f32::INFINITY, 0.0f32), |(min, max), at| (min.min(at), max.max(at)));
-    tile.gaussians()
-        .iter()
-        .enumerate()
-        .map(|(column, gaussian)| {
-            let mut label_weights = LabelWeights { gaussian: *gaussian, ..LabelWeights::default() };
-            // Runs of one label are added before they are looked up.
-            let (mut current, mut sum) = (0, 0.0);
-            let depth = tile.depths()[column];
-            // Most tiles show one surface: then pixels need no test of their own.
-            let is_near_all =
-                depth <= nearest + settings.tolerance_at(nearest) && depth >= farthest - settings.tolerance_at(nearest);
-            for (pixel, weight) in tile.column(column) {
-                let observed = observed[usize::from(pixel)];
-                if !is_near_all && observed > 0.0 && (depth - observed).abs() > settings.tolerance_at(observed) {
-                    continue;
-                }
-                let label = labels[usize::from(pixel)];
-                if label != current {
-                    label_weights.add(current, sum);
-                    (current, sum) = (label, 0.0);
-                }
-                sum += weight;
+    let depths = SurfaceDepths::new(&cut(tile, depth), settings);
+    Instructions::best().run(CountTile { tile, labels: &cut(tile, labels), depths: &depths })
+}
+
+/// The sums of the blend weights of each Gaussian of a tile by label.
+struct CountTile<'a> {
+    tile: &'a TileWeights,
+    labels: &'a [SegmentId; TileWeights::PIXELS],
+    depths: &'a SurfaceDepths,
+}
+
+impl Vectorize for CountTile<'_> {
+    type Output = Vec<LabelWeights>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<LabelWeights> {
+        let tile = self.tile;
+        let mut counted = Vec::with_capacity(tile.gaussians().len());
+        let mut uncounted = [[0f32; RUN]; TileWeights::PIXELS / RUN];
+        for column in 0..tile.gaussians().len() {
+            let (gaussian, depth) = (tile.gaussians()[column], tile.depths()[column]);
+            let (firsts, weights) = tile.runs(column);
+            let runs = firsts.len().min(weights.len()).min(uncounted.len());
+            for index in 0..runs {
+                uncounted[index] = self.depths.seen(firsts[index], depth, &weights[index]);
             }
-            label_weights.add(current, sum);
-            label_weights
-        })
-        .collect()
+            let mut label_weights = LabelWeights { gaussian, ..LabelWeights::default() };
+            self.count_labels(&firsts[..runs], &mut uncounted[..runs], &mut label_weights);
+            counted.push(label_weights);
+        }
+        counted
+    }
+}
+
+impl CountTile<'_> {
+    /// Counts the weights of one label after the other, in the order in which they appear. Most Gaussians show one.
+    #[inline(always)]
+    fn count_labels(&self, firsts: &[u8], uncounted: &mut [[f32; RUN]], label_weights: &mut LabelWeights) {
+        let runs = firsts.len().min(uncounted.len());
+        let mut start = 0;
+        while start < runs {
+            if !any(&uncounted[start]) {
+                start += 1;
+                continue;
+            }
+            let mut lane = 0;
+            while lane + 1 < RUN && uncounted[start][lane] == 0.0 {
+                lane += 1;
+            }
+            let label = run(self.labels, firsts[start])[lane];
+            let mut sums = [0f32; RUN];
+            for index in start..runs {
+                let (labels, mut rest) = (*run(self.labels, firsts[index]), uncounted[index]);
+                for lane in 0..RUN {
+                    sums[lane] += if labels[lane] == label { rest[lane] } else { 0.0 };
+                    rest[lane] = if labels[lane] == label { 0.0 } else { rest[lane] };
+                }
+                uncounted[index] = rest;
+            }
+            let mut sum = 0.0;
+            for part in sums {
+                sum += part;
+            }
+            label_weights.add(label, sum);
+        }
+    }
 }
 
 /// Sums the tiles' entries for the Gaussians from `first` on, in tile order, and adds their votes.

@@ -1,7 +1,8 @@
 //! Decoding of rendered features to expected segments (docs/PAPER.md, "Features").
 
 use crate::Codebook;
-use crate::recall::{StoreTile, TileSurface};
+use crate::recall::StoreTile;
+use crate::tile_surface::TileSurface;
 use splatseg_render::TileWeights;
 
 /// Decodes features to segments.

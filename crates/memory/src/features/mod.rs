@@ -17,8 +17,9 @@ pub use codes::SegmentCodes;
 
 use crate::map::NewGaussian;
 use crate::ply::SplatContentView;
-use crate::recall::{Recall, StoreTile, TileSurface};
+use crate::recall::{Recall, StoreTile};
 use crate::segment_store::{LearningExtent, SegmentStore};
+use crate::tile_surface::TileSurface;
 use crate::{GrowthRule, MemoryError, MemoryRules, MemorySettings, SegmentBelief};
 use codebook::CodebookCache;
 use decoding::Decoder;

@@ -2,10 +2,12 @@
 
 use super::NO_PATCH;
 use crate::MemorySettings;
-use crate::recall::{Recall, cut};
+use crate::recall::Recall;
 use crate::settings::COVERED;
+use crate::tile_surface::{RUN, SurfaceDepths, cut, run, run_mut};
 use rayon::prelude::*;
 use splatseg_geometry::{Affinities, SegmentId, SegmentMap};
+use splatseg_kernels::{Instructions, Vectorize};
 use splatseg_render::TileWeights;
 use std::collections::BTreeMap;
 
@@ -96,18 +98,39 @@ fn strongest_gaussians(
     recall: &Recall<'_>,
     settings: &MemorySettings,
 ) -> [u32; TileWeights::PIXELS] {
-    let observed = cut(tile, recall.frame().depth());
-    let mut strongest = [u32::MAX; TileWeights::PIXELS];
-    let mut most = [0.0; TileWeights::PIXELS];
-    for (index, (gaussian, depth)) in tile.gaussians().iter().zip(tile.depths()).enumerate() {
-        for (pixel, weight) in tile.column(index) {
-            let pixel = usize::from(pixel);
-            let is_observed =
-                observed[pixel] <= 0.0 || (depth - observed[pixel]).abs() <= settings.tolerance_at(observed[pixel]);
-            if weight > most[pixel] && is_observed {
-                (most[pixel], strongest[pixel]) = (weight, *gaussian);
+    let depths = SurfaceDepths::new(&cut(tile, recall.frame().depth()), settings);
+    Instructions::best().run(FindStrongest { tile, depths: &depths })
+}
+
+/// The search of [`strongest_gaussians`].
+struct FindStrongest<'a> {
+    tile: &'a TileWeights,
+    depths: &'a SurfaceDepths,
+}
+
+impl Vectorize for FindStrongest<'_> {
+    type Output = [u32; TileWeights::PIXELS];
+
+    #[inline(always)]
+    fn run(self) -> [u32; TileWeights::PIXELS] {
+        let mut strongest = [u32::MAX; TileWeights::PIXELS];
+        let mut most = [0f32; TileWeights::PIXELS];
+        for column in 0..self.tile.gaussians().len() {
+            let (gaussian, depth) = (self.tile.gaussians()[column], self.tile.depths()[column]);
+            let (firsts, weights) = self.tile.runs(column);
+            for index in 0..firsts.len().min(weights.len()) {
+                let first = firsts[index];
+                let seen = self.depths.seen(first, depth, &weights[index]);
+                let (mut largest, mut winners) = (*run(&most, first), *run(&strongest, first));
+                for lane in 0..RUN {
+                    let is_strongest = seen[lane] > largest[lane];
+                    winners[lane] = if is_strongest { gaussian } else { winners[lane] };
+                    largest[lane] = if is_strongest { seen[lane] } else { largest[lane] };
+                }
+                *run_mut(&mut most, first) = largest;
+                *run_mut(&mut strongest, first) = winners;
             }
         }
+        strongest
     }
-    strongest
 }
