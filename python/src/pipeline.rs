@@ -261,7 +261,7 @@ impl Pipeline {
     fn find_text(&self, py: Python<'_>, text: &str) -> PyResult<Vec<(SegmentId, f32)>> {
         let mut guard = self.lock()?;
         let state = &mut *guard;
-        let found = py.detach(|| {
+        let found = py.detach(move || {
             let network = state.network.clone().or_else(|| state.pipeline.names_network());
             let list = state.pipeline.object_list();
             find_objects(&Query::new(text), &list, state.pipeline.names(), network.as_deref())
