@@ -31,7 +31,7 @@ fn the_picture_is_shown_without_its_overlay() {
     );
     let truth = image::open(room_with_map().join("pictures/000002.jpg")).unwrap().to_rgb8();
     let (left, top, width, height) = browser.place_of("#plain");
-    let mut difference = |browser: &mut Browser| {
+    let difference = |browser: &mut Browser| {
         let screen = screenshot(browser);
         let mut sum = 0.0;
         for step in 0..400 {
@@ -137,7 +137,11 @@ fn a_link_shows_the_same() {
     browser.press("h");
     let (left, top, width, height) = browser.place_of("#view");
     browser.drag((left + width / 2.0, top + height / 2.0), (left + width / 2.0 + 90.0, top + height / 2.0));
-    browser.wait_for("location.hash.includes('view=') && location.hash.includes('hide=')");
+    // The address follows a moment later.
+    browser.wait_for(
+        "location.hash.includes(`view=${splatsegPage.map.view.map((value) => Number(value.toFixed(3))).join(',')}`) \
+         && location.hash.includes('hide=')",
+    );
     let state = "(() => { const { map } = splatsegPage; return [document.documentElement.dataset.frame, document.documentElement.dataset.object, \
         document.getElementById('cut').checked, document.getElementById('overlay').checked, document.getElementById('colors').value, \
         document.getElementById('show-all').textContent, map.view.map((value) => value.toFixed(2))]; })()";
@@ -206,7 +210,7 @@ fn help_opens_by_key_and_all_controls_have_names() {
     assert_eq!(browser.value("document.getElementById('help').open"), false);
     assert_eq!(u64::from(selected(&mut browser)), id);
     assert_eq!(browser.value("document.getElementById('show-all').hidden"), true);
-    let nameless = "[...document.querySelectorAll('button, input, select, summary')].filter((control) => \
+    let nameless = "[...document.querySelectorAll('button, input, select, summary')].filter((control) => !control.hidden && \
         !(control.textContent.trim() && control.matches('button, summary')) && !control.getAttribute('aria-label') && !control.labels?.length).map((control) => control.id)";
     assert_eq!(browser.value(nameless), json!([]));
     for scheme in ["light", "dark"] {
