@@ -10,7 +10,7 @@ mkdir -p "$1"
 out=$(cd "$1" && pwd)
 cd "$root"
 
-arguments=(--locked --profile dist --package splatseg-cli --features "networks ros2")
+arguments=(--locked --profile dist --package splatseg-cli --features "$features")
 case $target in
 *linux*)
     install_tools cargo-zigbuild==0.24.1 ziglang==0.17.1

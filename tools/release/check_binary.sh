@@ -7,13 +7,13 @@ trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 export HOME=$folder
 case $archive in
-*.zip) "$(command -v python3 || command -v python)" -m zipfile --extract "$archive" . ;;
+*.zip) "$(command -v python || command -v python3)" -m zipfile --extract "$archive" . ;;
 *) tar --extract --file "$archive" ;;
 esac
 program=$(echo "$PWD"/splatseg-*/splatseg*)
 "$program" --version
 # What of the system it needs, and how old that may be.
-if command -v ldd >/dev/null; then
+if [ "$(uname)" = Linux ]; then
     ldd "$program"
     newest=$(grep -ao 'GLIBC_2\.[0-9]*' "$program" | sort -t. -k2 -n -u | tail -1)
     echo "needs glibc ${newest#GLIBC_}"

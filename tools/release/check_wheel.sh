@@ -6,7 +6,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
 export HOME=$folder
-"$(command -v python3 || command -v python)" -m venv environment
+"$(command -v python || command -v python3)" -m venv environment
 bin=environment/bin
 [ -d "$bin" ] || bin=environment/Scripts
 "$bin/python" -m pip install --quiet --disable-pip-version-check "$wheel"

@@ -10,6 +10,7 @@ cd "$root"
 
 install_tools maturin==1.16.0 ziglang==0.17.1
 arguments=(--locked --profile dist --manifest-path python/Cargo.toml --target "$target" --out "$out")
+arguments+=(--no-default-features --features "$features")
 case $target in
 *linux*) "$tools/maturin" build "${arguments[@]}" --zig --compatibility "manylinux_${glibc/./_}" ;;
 *) "$tools/maturin" build "${arguments[@]}" ;;
