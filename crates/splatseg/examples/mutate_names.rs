@@ -39,11 +39,14 @@ const TOO_LONG: Duration = Duration::from_secs(5);
 /// Larger networks than this are not computed: that takes long, and is no error.
 const MAX_SIDE: usize = 256;
 
-/// A reader, its valid input, and what reads a changed one: it returns true if that can be used.
+/// Reads an input, and returns true if that can be used.
+type Read = Box<dyn Fn(&[u8]) -> bool>;
+
+/// A reader, and its valid input.
 struct Reader {
     name: &'static str,
     valid: Vec<u8>,
-    read: Box<dyn Fn(&[u8]) -> bool>,
+    read: Read,
 }
 
 /// Uses a network, if it is one: its numbers may be anything.
@@ -84,7 +87,7 @@ fn readers(folder: &Path) -> Vec<Reader> {
         let name = ObjectName { embedding: vec![0.5; 4], score: Some(0.4), alternatives, ..ObjectName::by_hand("mug") };
         names.set(id, name, 9.0).unwrap();
     }
-    let reader = |name, valid: &[u8], read: Box<dyn Fn(&[u8]) -> bool>| Reader { name, valid: valid.to_vec(), read };
+    let reader = |name, valid: &[u8], read: Read| Reader { name, valid: valid.to_vec(), read };
     let checkpoint = move |bytes: &[u8]| {
         let path = changed.join("model.safetensors");
         fs::write(&path, [bytes, &numbers].concat()).unwrap();

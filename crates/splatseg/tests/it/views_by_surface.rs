@@ -178,7 +178,7 @@ fn embedded<const N: usize>(network: &ClipNames, most: [usize; N]) -> ([Vec<Vec<
                     let (frame, ids, pose) = room.frame(number);
                     let Some(sighting) = sighting(&ids, number) else { continue };
                     for kept in &mut kept {
-                        kept.record(&ViewedFrame::new(&frame, &ids, Some(&pose)), &[sighting.clone()]);
+                        kept.record(&ViewedFrame::new(&frame, &ids, Some(&pose)), &[sighting]);
                     }
                 }
                 for (embeddings, kept) in embeddings.iter_mut().zip(&kept) {
