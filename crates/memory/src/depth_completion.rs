@@ -10,9 +10,11 @@
 
 use crate::recall::Recall;
 use crate::settings::COVERED;
+use crate::tile_surface::{RUN, run, run_mut};
 use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 use splatseg_geometry::{Image, SegmentId, SegmentMap, SurfaceKind, distance_transform};
+use splatseg_kernels::{Instructions, Vectorize};
 use splatseg_render::TileWeights;
 use std::collections::BTreeMap;
 
@@ -157,20 +159,47 @@ fn weights_of_measured(recall: &Recall<'_>, surfaces: &[SurfaceKind]) -> Image<f
     if surfaces.iter().all(|surface| *surface == SurfaceKind::Observed) {
         return recall.silhouette.clone();
     }
+    let tiles = recall.view.weights().tiles();
+    let sums_of = |tile| Instructions::best().run(SumMeasured { tile, surfaces });
+    let sums: Vec<[f32; TileWeights::PIXELS]> = tiles.par_iter().map(sums_of).collect();
     let mut measured = Image::filled(recall.frame.width(), recall.frame.height(), 0.0);
-    for tile in recall.view.weights().tiles() {
-        let (left, top) = tile.origin();
-        for (column, gaussian) in tile.gaussians().iter().enumerate() {
-            if surfaces[*gaussian as usize] == SurfaceKind::Observed {
-                for (pixel, weight) in tile.column(column) {
-                    let (row, column) =
-                        (usize::from(pixel) / TileWeights::SIDE, usize::from(pixel) % TileWeights::SIDE);
-                    measured[(left + column, top + row)] += weight;
-                }
-            }
+    for (tile, sums) in tiles.iter().zip(&sums) {
+        let ((left, top), (width, height)) = (tile.origin(), tile.size());
+        for row in 0..height {
+            let (from, to) = (row * TileWeights::SIDE, (top + row) * recall.frame.width() + left);
+            measured.pixels_mut()[to..to + width].copy_from_slice(&sums[from..from + width]);
         }
     }
     measured
+}
+
+/// The sums of [`weights_of_measured`] in one tile.
+struct SumMeasured<'a> {
+    tile: &'a TileWeights,
+    surfaces: &'a [SurfaceKind],
+}
+
+impl Vectorize for SumMeasured<'_> {
+    type Output = [f32; TileWeights::PIXELS];
+
+    #[inline(always)]
+    fn run(self) -> [f32; TileWeights::PIXELS] {
+        let mut sums = [0f32; TileWeights::PIXELS];
+        for column in 0..self.tile.gaussians().len() {
+            if self.surfaces[self.tile.gaussians()[column] as usize] != SurfaceKind::Observed {
+                continue;
+            }
+            let (firsts, weights) = self.tile.runs(column);
+            for index in 0..firsts.len().min(weights.len()) {
+                let (mut sum, weights) = (*run(&sums, firsts[index]), weights[index]);
+                for lane in 0..RUN {
+                    sum[lane] += weights[lane];
+                }
+                *run_mut(&mut sums, firsts[index]) = sum;
+            }
+        }
+        sums
+    }
 }
 
 /// A rectangle of pixels: first and last columns and rows.

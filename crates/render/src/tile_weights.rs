@@ -176,9 +176,9 @@ impl TileWeights {
             let value = values[*gaussian as usize];
             let (firsts, weights) = self.runs(column);
             for index in 0..firsts.len().min(weights.len()) {
-                for lane in 0..LANES {
-                    let (pixel, weight) = (firsts[index].wrapping_add(lane as u8), weights[index][lane]);
-                    if weight > 0.0 {
+                for (lane, weight) in weights[index].iter().enumerate() {
+                    if *weight > 0.0 {
+                        let pixel = firsts[index].wrapping_add(lane as u8);
                         let mut sums = pixels[pixel as usize];
                         for channel in 0..C {
                             sums[channel] += weight * value[channel];
@@ -228,9 +228,9 @@ impl TileWeights {
             let mut registers = [0f32; C];
             let (firsts, weights) = self.runs(column);
             for index in 0..firsts.len().min(weights.len()) {
-                for lane in 0..LANES {
-                    let (pixel, weight) = (firsts[index].wrapping_add(lane as u8), weights[index][lane]);
-                    if weight > 0.0 {
+                for (lane, weight) in weights[index].iter().enumerate() {
+                    if *weight > 0.0 {
+                        let pixel = firsts[index].wrapping_add(lane as u8);
                         let gradient = &pixels[pixel as usize];
                         for channel in 0..C {
                             registers[channel] += weight * gradient[channel];

@@ -195,6 +195,32 @@ proptest! {
             }
         }
     }
+
+    #[test]
+    fn runs_hold_the_weights_of_pixels_inside_the_image(entries in prop::collection::vec(gaussian(), 1..60)) {
+        let view = View::new(&scene(&entries), &camera());
+        let mut found = 0;
+        for tile in view.weights().tiles() {
+            for column in 0..tile.gaussians().len() {
+                let (firsts, weights) = tile.runs(column);
+                prop_assert_eq!(firsts.len(), weights.len());
+                prop_assert!(!firsts.is_empty() && firsts.is_sorted_by(|one, next| one < next));
+                let mut of_runs = Vec::new();
+                for (first, weights) in firsts.iter().zip(weights) {
+                    let (row, start) = (usize::from(*first) / TileWeights::SIDE, usize::from(*first) % TileWeights::SIDE);
+                    prop_assert!(start + TileWeights::RUN <= TileWeights::SIDE, "a run in one row");
+                    prop_assert!(weights.iter().any(|weight| *weight > 0.0));
+                    for (lane, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
+                        prop_assert!(start + lane < tile.size().0 && row < tile.size().1 && *weight > 0.0);
+                        of_runs.push((first + lane as u8, *weight));
+                    }
+                }
+                prop_assert_eq!(&of_runs, &tile.column(column).collect::<Vec<_>>());
+                found += of_runs.len();
+            }
+        }
+        prop_assert_eq!(found, view.weights().non_zeros());
+    }
 }
 
 /// True if rendering a tile pixel by pixel and Gaussian by Gaussian gives the same bits.
