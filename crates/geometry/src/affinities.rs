@@ -33,6 +33,7 @@ impl Affinities {
     pub const LARGEST: f32 = 6.0;
 
     /// Rounds log-odds to the unit.
+    #[inline]
     pub fn quantised(log_odds: f32) -> i8 {
         (log_odds.clamp(-Self::LARGEST, Self::LARGEST) * Self::UNIT).round() as i8
     }

@@ -5,6 +5,7 @@
 
 use crate::QuarterTurn;
 use std::iter::Peekable;
+use std::ops::Range;
 
 /// Number of words in a [`Block`]: few, so that small masks stay small, but enough to count many pixels per comparison.
 const BLOCK_WORDS: usize = 4;
@@ -158,6 +159,25 @@ impl Mask {
         }
     }
 
+    /// Adds the pixels of a row in a range of columns.
+    ///
+    /// # Panics
+    /// If the range leaves the image.
+    pub fn insert_run(&mut self, row: usize, columns: Range<usize>) {
+        assert!(
+            columns.end <= self.width && row < self.height,
+            "columns {columns:?} of row {row} are outside the mask"
+        );
+        let (mut pixel, end) = (row * self.width + columns.start, row * self.width + columns.end);
+        while pixel < end {
+            let next = end.min((pixel / 64 + 1) * 64);
+            let bits = u64::MAX >> (64 - (next - pixel)) << (pixel % 64);
+            let place = self.block_of(pixel / BLOCK_PIXELS);
+            self.blocks[place].words[pixel % BLOCK_PIXELS / 64] |= bits;
+            pixel = next;
+        }
+    }
+
     /// Number of pixels.
     pub fn area(&self) -> usize {
         self.blocks.iter().map(|block| Block::count(block.words)).sum()
@@ -170,18 +190,21 @@ impl Mask {
 
     /// Adds the pixel with the given row-major index, which must be inside the image.
     pub(crate) fn insert_index(&mut self, pixel: usize) {
-        let index = pixel / BLOCK_PIXELS;
+        let place = self.block_of(pixel / BLOCK_PIXELS);
+        self.blocks[place].set(pixel, true);
+    }
+
+    /// Position of the block with the given index, which is added if it is missing.
+    #[inline]
+    fn block_of(&mut self, index: usize) -> usize {
         // Masks are mostly built row by row.
-        if let Some(last) = self.blocks.last_mut()
-            && last.index == index
-        {
-            return last.set(pixel, true);
+        if self.blocks.last().is_some_and(|last| last.index == index) {
+            return self.blocks.len() - 1;
         }
-        let place = self.place(index).unwrap_or_else(|place| {
+        self.place(index).unwrap_or_else(|place| {
             self.blocks.insert(place, Block::empty(index));
             place
-        });
-        self.blocks[place].set(pixel, true);
+        })
     }
 
     /// Position of the block with the given index, or, as an error, the position at which to insert it.
@@ -311,6 +334,19 @@ mod tests {
 
     fn mask(pixels: &[bool], width: usize) -> Mask {
         Mask::from_fn(width, pixels.len() / width, |column, row| pixels[row * width + column])
+    }
+
+    proptest! {
+        #[test]
+        fn runs_are_their_pixels(runs in prop::collection::vec((0..9_usize, 0..150_usize, 0..150_usize), 0..12)) {
+            let (mut whole, mut single) = (Mask::empty(149, 9), Mask::empty(149, 9));
+            for (row, one, other) in runs {
+                let columns = one.min(other)..one.max(other);
+                whole.insert_run(row, columns.clone());
+                columns.for_each(|column| single.set(column, row, true));
+            }
+            prop_assert_eq!(whole, single);
+        }
     }
 
     proptest! {

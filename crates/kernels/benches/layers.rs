@@ -45,15 +45,18 @@ const FEED_FORWARD: [(usize, usize, usize, Activation); 2] =
 const DEPTHWISE: [(usize, usize, usize, usize); 4] =
     [(48, 3, 1, 128), (48, 3, 2, 128), (192, 3, 1, 32), (256, 7, 1, 32)];
 
-/// Layers of a small network: (inputs, outputs, stride, height and width of the output).
-const MAP_CONVOLUTIONS: [(usize, usize, usize, usize, usize); 7] = [
-    (8, 24, 2, 120, 160),
-    (24, 24, 1, 120, 160),
-    (24, 32, 2, 60, 80),
+/// Layers of the affinity network: (inputs, outputs, stride, height and width of the output).
+const MAP_CONVOLUTIONS: [(usize, usize, usize, usize, usize); 10] = [
+    (8, 16, 2, 120, 160),
+    (16, 16, 1, 120, 160),
+    (16, 32, 2, 60, 80),
     (32, 32, 1, 60, 80),
-    (64, 64, 1, 30, 40),
-    (96, 96, 1, 15, 20),
-    (128, 128, 1, 8, 10),
+    (32, 48, 2, 30, 40),
+    (48, 48, 1, 30, 40),
+    (48, 64, 2, 15, 20),
+    (64, 64, 1, 15, 20),
+    (64, 96, 2, 8, 10),
+    (96, 96, 1, 8, 10),
 ];
 
 fn noise(len: usize) -> Vec<f32> {

@@ -42,6 +42,7 @@ use rayon::prelude::*;
 use regions::RegionGraph;
 use resolution::ScaledFrame;
 use splatseg_geometry::{Affinities, AffinityPlane, CameraFrame, Mask, ScoredMask, SegmentMap, Segmentation};
+use splatseg_kernels::Instructions;
 use splatseg_kernels::feature_map::FeatureMap;
 use weights::Offset;
 
@@ -145,22 +146,56 @@ impl Segmenter for AffinitySegmenter {
     }
 
     fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
-        let tree = self.merge_tree(frame)?;
+        self.log_odds(frame)?;
+        let size = (frame.width(), frame.height());
+        let (log_odds, offsets) = (&self.memory.log_odds, &*self.network.offsets);
+        let scaled_size = (self.input.width(), self.input.height());
+        let start = self.grid.start(0, (self.input.height(), self.input.width()));
+        let graph = RegionGraph::from_log_odds(log_odds, offsets, self.grid);
+        let labels = graph.labels.clone();
+        // Merging has one thread, so the others do meanwhile what does not depend on it.
+        let (tree, (labels, affinities)) = rayon::join(
+            || MergeTree::new(graph),
+            || {
+                let labels = upsampling::enlarge(&labels, &self.input, start);
+                (labels, affinities(log_odds, offsets, scaled_size, start, size))
+            },
+        );
         let threshold = self.settings.threshold.unwrap_or(self.network.threshold) + self.detail.log_odds();
         let partition = tree.cut(threshold);
         let fine = tree.cut(threshold.max(REGION_THRESHOLD));
-        let start = self.grid.start(0, (self.input.height(), self.input.width()));
-        let labels = upsampling::enlarge(tree.labels(), &self.input, start);
-        let scaled_size = (self.input.width(), self.input.height());
-        let segments: Vec<u32> = labels.iter().map(|label| partition.segment_of_region[*label as usize]).collect();
-        let masks = masks(frame, scaled_size, &segments, &partition.scores, self.settings.min_area.max(1));
-        let (width, height) = (frame.width(), frame.height());
-        let regions = SegmentMap::from_fn(width, height, |column, row| {
-            let (row, column) = (row * scaled_size.1 / height, column * scaled_size.0 / width);
-            fine.segment_of_region[labels[row * scaled_size.0 + column] as usize] + 1
-        });
-        let affinities = affinities(&self.memory.log_odds, &self.network.offsets, scaled_size, start, (width, height));
+        let places = Places::new(scaled_size, size);
+        let (masks, regions) = rayon::join(
+            || masks(&labels, &partition, &places, self.settings.min_area.max(1)),
+            || places.map(&labels, |label| fine.segment_of_region[label as usize] + 1),
+        );
         Ok(Segmentation { masks, regions: Some(regions), affinities: Some(affinities) })
+    }
+}
+
+/// For each row and column of a frame, that of the scaled frame.
+struct Places {
+    /// Pixels in a row of the scaled frame.
+    pitch: usize,
+    rows: Vec<usize>,
+    columns: Vec<usize>,
+}
+
+impl Places {
+    fn new(scaled_size: (usize, usize), (width, height): (usize, usize)) -> Self {
+        let places = |size: usize, scaled: usize| (0..size).map(|place| place * scaled / size).collect();
+        Self { pitch: scaled_size.0, rows: places(height, scaled_size.1), columns: places(width, scaled_size.0) }
+    }
+
+    /// The ids of the frame's pixels for the labels of those of the scaled frame.
+    fn map(&self, labels: &[u32], id: impl Fn(u32) -> u32) -> SegmentMap {
+        let mut ids = Vec::with_capacity(self.rows.len() * self.columns.len());
+        for row in &self.rows {
+            let labels = &labels[row * self.pitch..][..self.pitch];
+            ids.extend(self.columns.iter().map(|column| id(labels[*column])));
+        }
+        let (width, height) = (self.columns.len(), self.rows.len());
+        SegmentMap::from_pixels(width, height, ids).unwrap_or_else(|_| SegmentMap::filled(width, height, 0))
     }
 }
 
@@ -177,10 +212,16 @@ fn affinities(
         // The first of the frame's pixels that this pixel of the scaled frame stands for.
         (0..count).map(|place| ((2 * place + start) * size).div_ceil(scaled) as u32).collect()
     };
+    let instructions = Instructions::best();
     let plane = |channel: usize| {
-        let mut plane = Vec::with_capacity(log_odds.width() * log_odds.height());
-        (0..log_odds.height())
-            .for_each(|row| plane.extend(log_odds.row(channel, row).iter().map(|value| Affinities::quantised(*value))));
+        let mut plane = vec![0; log_odds.width() * log_odds.height()];
+        for (row, out) in plane.chunks_exact_mut(log_odds.width().max(1)).enumerate() {
+            let values = log_odds.row(channel, row);
+            instructions.run(
+                #[inline(always)]
+                || out.iter_mut().zip(values).for_each(|(out, value)| *out = Affinities::quantised(*value)),
+            );
+        }
         AffinityPlane { right: offsets[channel].right, down: offsets[channel].down, log_odds: plane }
     };
     Affinities {
@@ -190,33 +231,25 @@ fn affinities(
     }
 }
 
-/// Makes masks of the frame's size from the segment of each pixel of the scaled frame. Drops segments of fewer than
+/// Makes masks of the frame's size from the region of each pixel of the scaled frame. Drops segments of fewer than
 /// `min_area` pixels.
-fn masks(
-    frame: &CameraFrame,
-    scaled_size: (usize, usize),
-    segments: &[u32],
-    scores: &[f32],
-    min_area: usize,
-) -> Vec<ScoredMask> {
-    let (width, height) = (frame.width(), frame.height());
-    let columns: Vec<usize> = (0..width).map(|column| column * scaled_size.0 / width).collect();
-    let row_of = |row: usize| &segments[row * scaled_size.1 / height * scaled_size.0..][..scaled_size.0];
-    let mut areas = vec![0; scores.len()];
-    for row in 0..height {
-        let segments = row_of(row);
-        columns.iter().for_each(|column| areas[segments[*column] as usize] += 1);
-    }
+fn masks(labels: &[u32], partition: &Partition, places: &Places, min_area: usize) -> Vec<ScoredMask> {
+    let segments = places.map(labels, |label| partition.segment_of_region[label as usize]);
+    let mut areas = vec![0; partition.scores.len()];
+    segments.pixels().chunk_by(|one, next| one == next).for_each(|run| areas[run[0] as usize] += run.len());
+    let (width, height) = segments.size();
     let mut masks: Vec<Option<Mask>> =
         areas.iter().map(|area| (*area >= min_area).then(|| Mask::empty(width, height))).collect();
     for row in 0..height {
-        let segments = row_of(row);
-        for (column, place) in columns.iter().enumerate() {
-            if let Some(mask) = &mut masks[segments[*place] as usize] {
-                mask.set(column, row, true);
+        let mut column = 0;
+        for run in segments.row(row).chunk_by(|one, next| one == next) {
+            let columns = column..column + run.len();
+            column = columns.end;
+            if let Some(mask) = &mut masks[run[0] as usize] {
+                mask.insert_run(row, columns);
             }
         }
     }
-    let scored = masks.into_iter().zip(scores);
+    let scored = masks.into_iter().zip(&partition.scores);
     scored.filter_map(|(mask, score)| Some(ScoredMask { mask: mask?, score: *score })).collect()
 }

@@ -43,7 +43,6 @@ impl MergeTree {
         let mut merging = Merging {
             slots: Slots::new(edges.len()),
             parents: (0..edges.len() as u32).collect(),
-            current: Vec::new(),
             merges: Vec::with_capacity(edges.len()),
             edges,
         };
@@ -59,11 +58,6 @@ impl MergeTree {
     /// If `row` is out of range.
     pub fn row(&self, row: usize) -> &[u32] {
         &self.labels[row * self.width..][..self.width]
-    }
-
-    /// The region of each pixel of the half-size image, row-major.
-    pub(super) fn labels(&self) -> &[u32] {
-        &self.labels
     }
 
     /// Returns the segments after all merges with a mean above `threshold`.
@@ -99,8 +93,6 @@ struct Merging {
     /// Union-find parent of each region.
     parents: Vec<u32>,
     slots: Slots,
-    /// Buffer for the updated edges of a region.
-    current: Vec<Edges>,
     merges: Vec<Merge>,
 }
 
@@ -129,30 +121,34 @@ impl Merging {
 
     /// Returns a region's edges with the highest mean. Ties go to `before`, then to the lowest region number.
     fn preferred(&mut self, region: u32, before: Option<u32>) -> Option<Edges> {
-        let mut old = std::mem::take(&mut self.edges[region as usize]);
+        let edges = &mut self.edges[region as usize];
         self.slots.begin();
-        self.current.clear();
-        for edges in &old {
-            let other = root(&mut self.parents, edges.other);
-            if other != region {
-                self.slots.add(&mut self.current, Edges { other, ..*edges });
+        // Entries of regions that are one by now are combined in place.
+        let mut kept = 0;
+        for index in 0..edges.len() {
+            let edge = edges[index];
+            let other = root(&mut self.parents, edge.other);
+            if other == region {
+                continue;
+            }
+            match self.slots.place(other, kept) {
+                Some(place) => edges[place].add(edge),
+                None => {
+                    edges[kept] = Edges { other, ..edge };
+                    kept += 1;
+                }
             }
         }
-        old.clear();
-        old.extend_from_slice(&self.current);
-        self.edges[region as usize] = old;
-        let mut best: Option<(f64, Edges)> = None;
-        for edges in &self.current {
-            let mean = edges.mean();
-            let is_better = best.is_none_or(|(highest, best)| {
-                let rank = |edges: &Edges| (Some(edges.other) != before, edges.other);
-                mean > highest || (mean == highest && rank(edges) < rank(&best))
-            });
-            if is_better {
-                best = Some((mean, *edges));
+        edges.truncate(kept);
+        let (mut best, rest) = (edges.first().copied()?, &edges[1..]);
+        let rank = |edges: &Edges| (Some(edges.other) != before, edges.other);
+        for edges in rest {
+            let order = edges.compare_means(best);
+            if order.is_gt() || (order.is_eq() && rank(edges) < rank(&best)) {
+                best = *edges;
             }
         }
-        best.map(|(_, edges)| edges)
+        Some(best)
     }
 
     /// Merges a region with `edges.other`. Returns the number of the merged region.

@@ -71,19 +71,21 @@ pub(super) fn compute(frame: &ScaledFrame<'_>, map: &mut FeatureMap) -> Vec<f32>
     };
     let filled = fill_holes(depth, width);
     let smooth = smoothed(&filled, width, instructions);
-    let camera = &frame.camera;
+    let rays = Rays::new(&frame.camera);
     rows.into_par_iter().enumerate().for_each(|(row, mut channels)| {
-        write_color(frame.color.row(row), &mut channels);
-        let (inverse, rest) = channels[3..].split_at_mut(1);
-        for (out, depth) in inverse[0].iter_mut().zip(&filled[row * width..]) {
-            *out = 1.0 / depth.max(NEAREST) - 0.5;
-        }
-        for (out, depth) in rest[0].iter_mut().zip(frame.depth.row(row)) {
-            *out = if *depth > 0.0 { 1.0 } else { 0.0 };
-        }
         instructions.run(
             #[inline(always)]
-            || write_normals(&smooth, camera, row, &mut rest[1..]),
+            || {
+                write_color(frame.color.row(row), &mut channels);
+                let (inverse, rest) = channels[3..].split_at_mut(1);
+                for (out, depth) in inverse[0].iter_mut().zip(&filled[row * width..]) {
+                    *out = 1.0 / depth.max(NEAREST) - 0.5;
+                }
+                for (out, depth) in rest[0].iter_mut().zip(frame.depth.row(row)) {
+                    *out = if *depth > 0.0 { 1.0 } else { 0.0 };
+                }
+                write_normals(&smooth, &rays, row, &mut rest[1..]);
+            },
         );
     });
     smooth
@@ -104,6 +106,7 @@ fn by_row(map: &mut FeatureMap, height: usize) -> Vec<Vec<&mut [f32]>> {
     rows
 }
 
+#[inline(always)]
 fn write_color(color: &[[u8; 3]], channels: &mut [&mut [f32]]) {
     for (channel, out) in channels.iter_mut().take(3).enumerate() {
         for (out, color) in out.iter_mut().zip(color) {
@@ -209,35 +212,112 @@ fn smooth_row(window: &[f32], pitch: usize, out: &mut [f32]) {
     }
 }
 
+/// x and y at z = 1 of the pixels in each column and row.
+struct Rays {
+    x: Vec<f32>,
+    y: Vec<f32>,
+}
+
+impl Rays {
+    fn new(camera: &Intrinsics) -> Self {
+        let x = (0..camera.width).map(|column| (column as f32 - camera.cx) / camera.fx);
+        let y = (0..camera.height).map(|row| (row as f32 - camera.cy) / camera.fy);
+        Self { x: x.collect(), y: y.collect() }
+    }
+}
+
 /// Writes one row of the three normal channels.
 #[inline(always)]
-fn write_normals(depth: &[f32], camera: &Intrinsics, row: usize, channels: &mut [&mut [f32]]) {
-    let (width, height) = (camera.width, camera.height);
+fn write_normals(depth: &[f32], rays: &Rays, row: usize, channels: &mut [&mut [f32]]) {
+    let (width, height) = (rays.x.len(), rays.y.len());
     let [out_x, out_y, out_z] = channels else { return };
     if width.min(height) < 2 * REACH + 1 {
         return [out_x, out_y, out_z].into_iter().for_each(|out| out.fill(0.0));
     }
     let center_row = row.clamp(REACH, height - 1 - REACH);
-    let line = &depth[row * width..][..width];
-    let above = &depth[(center_row - REACH) * width..][..width];
-    let below = &depth[(center_row + REACH) * width..][..width];
-    let y_at = |row: usize| (row as f32 - camera.cy) / camera.fy;
-    let x_at = |column: usize| (column as f32 - camera.cx) / camera.fx;
-    let (y, y_above, y_below) = (y_at(row), y_at(center_row - REACH), y_at(center_row + REACH));
-    let mut normal = |column: usize, left: usize| {
-        let right = left + 2 * REACH;
-        let (z_left, z_right) = (line[left], line[right]);
-        let dx = [z_right * x_at(right) - z_left * x_at(left), z_right * y - z_left * y, z_right - z_left];
-        let (z_above, z_below) = (above[column], below[column]);
-        let x = x_at(column);
-        let dy = [z_below * x - z_above * x, z_below * y_below - z_above * y_above, z_below - z_above];
-        let product = [dx[1] * dy[2] - dx[2] * dy[1], dx[2] * dy[0] - dx[0] * dy[2], dx[0] * dy[1] - dx[1] * dy[0]];
-        let norm = (product[0] * product[0] + product[1] * product[1] + product[2] * product[2]).sqrt();
-        let factor = 1.0 / (norm + 1e-9);
-        let value = |part: f32| if norm < f32::INFINITY { part * factor } else { 0.0 };
-        (out_x[column], out_y[column], out_z[column]) = (value(product[0]), value(product[1]), value(product[2]));
+    let depths = |row: usize| &depth[row * width..][..width];
+    let rows = Neighbours {
+        line: depths(row),
+        above: depths(center_row - REACH),
+        below: depths(center_row + REACH),
+        x: &rays.x,
+        y: [rays.y[row], rays.y[center_row - REACH], rays.y[center_row + REACH]],
     };
-    (0..REACH).for_each(|column| normal(column, 0));
-    (REACH..width - REACH).for_each(|column| normal(column, column - REACH));
-    (width - REACH..width).for_each(|column| normal(column, width - 1 - 2 * REACH));
+    let mut write = |column: usize, normals: [&[f32]; 3]| {
+        [&mut *out_x, &mut *out_y, &mut *out_z].into_iter().zip(normals).for_each(|(out, values)| {
+            out[column..][..values.len()].copy_from_slice(values);
+        });
+    };
+    let mut normals = [[0.0; LANES]; 3];
+    for start in (REACH..width - REACH).step_by(LANES) {
+        let len = LANES.min(width - REACH - start);
+        if len == LANES {
+            rows.whole_vector(start, &mut normals);
+        } else {
+            (0..len).for_each(|lane| rows.one(start + lane, start + lane - REACH, lane, &mut normals));
+        }
+        write(start, [&normals[0][..len], &normals[1][..len], &normals[2][..len]]);
+    }
+    for column in (0..REACH).chain(width - REACH..width) {
+        rows.one(column, column.saturating_sub(REACH).min(width - 1 - 2 * REACH), 0, &mut normals);
+        write(column, [&normals[0][..1], &normals[1][..1], &normals[2][..1]]);
+    }
+}
+
+/// The smoothed depth around the pixels of one row, and their rays.
+struct Neighbours<'a> {
+    line: &'a [f32],
+    above: &'a [f32],
+    below: &'a [f32],
+    x: &'a [f32],
+    /// y of the row, and of those above and below.
+    y: [f32; 3],
+}
+
+impl Neighbours<'_> {
+    /// Computes the normals of [`LANES`] columns from `start` on.
+    #[inline(always)]
+    fn whole_vector(&self, start: usize, normals: &mut [[f32; LANES]; 3]) {
+        let left = start - REACH;
+        let lanes = |values: &[f32], start: usize| -> [f32; LANES] {
+            let values = &values[start..][..LANES];
+            std::array::from_fn(|lane| values[lane])
+        };
+        let (z_left, z_right) = (lanes(self.line, left), lanes(self.line, left + 2 * REACH));
+        let (x_left, x_right) = (lanes(self.x, left), lanes(self.x, left + 2 * REACH));
+        let (z_above, z_below) = (lanes(self.above, start), lanes(self.below, start));
+        let x = lanes(self.x, start);
+        let [out_x, out_y, out_z] = normals;
+        for lane in 0..LANES {
+            let across = ([z_left[lane], z_right[lane]], [x_left[lane], x_right[lane]]);
+            let down = ([z_above[lane], z_below[lane]], x[lane]);
+            [out_x[lane], out_y[lane], out_z[lane]] = normal(across, down, self.y);
+        }
+    }
+
+    /// Computes the normal of one column, from the difference between `left` and the column on the other side.
+    #[inline(always)]
+    fn one(&self, column: usize, left: usize, lane: usize, normals: &mut [[f32; LANES]; 3]) {
+        let right = left + 2 * REACH;
+        let across = ([self.line[left], self.line[right]], [self.x[left], self.x[right]]);
+        let down = ([self.above[column], self.below[column]], self.x[column]);
+        let normal = normal(across, down, self.y);
+        normals.iter_mut().zip(normal).for_each(|(out, value)| out[lane] = value);
+    }
+}
+
+/// The normal at a pixel: from the depth and x of the pixels to the left and right, and the depth of those above and below
+/// with their common x. `y` is that of the pixel, and of those above and below.
+#[inline(always)]
+fn normal(
+    ([z_left, z_right], [x_left, x_right]): ([f32; 2], [f32; 2]),
+    ([z_above, z_below], x): ([f32; 2], f32),
+    [y, y_above, y_below]: [f32; 3],
+) -> [f32; 3] {
+    let dx = [z_right * x_right - z_left * x_left, z_right * y - z_left * y, z_right - z_left];
+    let dy = [z_below * x - z_above * x, z_below * y_below - z_above * y_above, z_below - z_above];
+    let product = [dx[1] * dy[2] - dx[2] * dy[1], dx[2] * dy[0] - dx[0] * dy[2], dx[0] * dy[1] - dx[1] * dy[0]];
+    let norm = (product[0] * product[0] + product[1] * product[1] + product[2] * product[2]).sqrt();
+    let factor = 1.0 / (norm + 1e-9);
+    product.map(|part| if norm < f32::INFINITY { part * factor } else { 0.0 })
 }

@@ -6,13 +6,17 @@
 //! Planes are fitted to inverse depth, over which a plane in space is linear. The noise of stereo and structured light is
 //! the same near and far there, as they measure disparity.
 
+use rayon::prelude::*;
 use splatseg_geometry::CowImage;
+use splatseg_kernels::Instructions;
 
 /// Half the side of the windows that planes are fitted to, pixels. Smaller windows do not see noise that neighbours
 /// share: the plane follows it.
 const REACH: usize = 6;
 /// Distance of a window's samples, pixels.
 const SAMPLE_STEP: usize = 2;
+/// Samples that are summed side by side: those of a line of a window, `REACH + 1`, and one that does not count.
+const LANES: usize = 8;
 /// Distance of the windows, pixels.
 const WINDOW_STEP: usize = 5;
 /// Windows with fewer samples with depth are left out: 3 in 5.
@@ -32,13 +36,19 @@ pub(super) fn depth_noise(depth: &CowImage<'_, f32>, smooth: &[f32]) -> Option<f
         return None;
     }
     let centres = |size: usize| (REACH..size.saturating_sub(REACH)).step_by(WINDOW_STEP);
-    let deviations = centres(height).flat_map(|row| {
-        let rows = row - REACH..row + REACH + 1;
-        let lines: Vec<Line<'_>> =
-            rows.step_by(SAMPLE_STEP).map(|row| (depth.row(row), &smooth[row * width..])).collect();
-        centres(width).filter_map(move |column| deviation(&lines, column))
+    let rows: Vec<usize> = centres(height).collect();
+    let instructions = Instructions::best();
+    let deviations = rows.into_par_iter().map(|row| {
+        let rows = (row - REACH..row + REACH + 1).step_by(SAMPLE_STEP);
+        let lines: Vec<Line> = rows.map(|row| Line::new(depth.row(row), &smooth[row * width..])).collect();
+        let mut deviations = Vec::with_capacity(width / WINDOW_STEP);
+        instructions.run(
+            #[inline(always)]
+            || deviations.extend(centres(width).filter_map(|column| deviation(&lines, column - REACH))),
+        );
+        deviations
     });
-    let mut deviations: Vec<f64> = deviations.collect();
+    let mut deviations = deviations.collect::<Vec<Vec<f64>>>().concat();
     if deviations.len() < MIN_WINDOWS {
         return None;
     }
@@ -47,30 +57,63 @@ pub(super) fn depth_noise(depth: &CowImage<'_, f32>, smooth: &[f32]) -> Option<f
     Some(*quartile * DISTANCE * DISTANCE)
 }
 
-/// A row of the depth, and of the smoothed depth.
-type Line<'a> = (&'a [f32], &'a [f32]);
+/// Samples of a row: those of even columns, and those of odd ones.
+struct Line([Samples; SAMPLE_STEP]);
 
-/// Deviation of the inverse smoothed depth from a plane, in a window of some lines around a column, 1/m.
-fn deviation(lines: &[Line<'_>], column: usize) -> Option<f64> {
-    // Sums over the samples with depth of the products of 1, x, y and the inverse depth.
-    let (mut count, mut x, mut y, mut value) = (0.0, 0.0, 0.0, 0.0);
-    let (mut xx, mut xy, mut yy, mut x_value, mut y_value, mut square) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    for (down, (depth, smooth)) in lines.iter().enumerate() {
-        let columns = (column - REACH..column + REACH + 1).step_by(SAMPLE_STEP);
-        for (right, column) in columns.enumerate().filter(|(_, column)| depth[*column] > 0.0) {
-            let (right, down, inverse) = (right as f64, down as f64, 1.0 / f64::from(smooth[column]));
-            count += 1.0;
-            x += right;
-            y += down;
-            value += inverse;
-            xx += right * right;
-            xy += right * down;
-            yy += down * down;
-            x_value += right * inverse;
-            y_value += down * inverse;
-            square += inverse * inverse;
+/// Every second pixel of a row, followed by samples without depth.
+struct Samples {
+    /// 1 where there is depth.
+    valid: Vec<f64>,
+    /// Inverse smoothed depth, 1/m; 0 where there is no depth.
+    inverse: Vec<f64>,
+}
+
+impl Line {
+    fn new(depth: &[f32], smooth: &[f32]) -> Self {
+        Self(std::array::from_fn(|start| {
+            let len = depth.len().saturating_sub(start).div_ceil(SAMPLE_STEP) + LANES;
+            let mut samples = Samples { valid: vec![0.0; len], inverse: vec![0.0; len] };
+            let pixels = depth.iter().zip(smooth).skip(start).step_by(SAMPLE_STEP);
+            let out = samples.valid.iter_mut().zip(&mut samples.inverse);
+            for ((valid, inverse), (depth, smooth)) in out.zip(pixels) {
+                if *depth > 0.0 {
+                    (*valid, *inverse) = (1.0, 1.0 / f64::from(*smooth));
+                }
+            }
+            samples
+        }))
+    }
+}
+
+/// Deviation of the inverse smoothed depth from a plane, in a window of some lines from column `first` on, 1/m.
+#[inline(always)]
+fn deviation(lines: &[Line], first: usize) -> Option<f64> {
+    // Sums over the samples with depth of the products of 1, x, y and the inverse depth; those of a column in each lane.
+    let mut sums = [[0.0; LANES]; 10];
+    for (down, line) in lines.iter().enumerate() {
+        let samples = &line.0[first % SAMPLE_STEP];
+        let valid = &samples.valid[first / SAMPLE_STEP..][..LANES];
+        let inverse = &samples.inverse[first / SAMPLE_STEP..][..LANES];
+        let y = down as f64;
+        for lane in 0..LANES {
+            let inside = if lane <= REACH { 1.0 } else { 0.0 };
+            let (one, value, x) = (inside * valid[lane], inside * inverse[lane], lane as f64);
+            let products = [
+                one,
+                x * one,
+                y * one,
+                value,
+                x * x * one,
+                x * y * one,
+                y * y * one,
+                x * value,
+                y * value,
+                value * value,
+            ];
+            sums.iter_mut().zip(products).for_each(|(sums, product)| sums[lane] += product);
         }
     }
+    let [count, x, y, value, xx, xy, yy, x_value, y_value, square] = sums.map(|lanes| lanes.iter().sum::<f64>());
     if count < MIN_SAMPLES {
         return None;
     }

@@ -7,7 +7,10 @@
 use super::grid::Grid;
 use super::weights::Offset;
 use rayon::prelude::*;
+use splatseg_kernels::Instructions;
 use splatseg_kernels::feature_map::FeatureMap;
+use std::cmp::Ordering;
+use std::ops::Range;
 
 /// Side of a cell, pixels of the half-size image. With 1, every pixel is a region and merging is exact.
 const CELL: usize = 8;
@@ -36,6 +39,20 @@ impl Edges {
     pub fn mean(&self) -> f64 {
         self.sum as f64 / (f64::from(self.count) * f64::from(UNIT))
     }
+
+    /// Compares the means, without a division.
+    #[inline]
+    pub fn compare_means(&self, other: Self) -> Ordering {
+        let product = |sum: i64, count: u32| i128::from(sum) * i128::from(count);
+        product(self.sum, other.count).cmp(&product(other.sum, self.count))
+    }
+
+    /// Adds other edges to the same region.
+    #[inline]
+    pub fn add(&mut self, more: Self) {
+        self.count += more.count;
+        self.sum += more.sum;
+    }
 }
 
 /// Regions and the edges between them.
@@ -61,14 +78,14 @@ impl RegionGraph {
         let image = PixelEdges::new(log_odds, offsets);
         let labels = image.regions(cell, first);
         let count = labels.iter().max().map_or(0, |last| *last as usize + 1);
-        let pixels = PixelsByRegion::new(&labels, count);
+        let runs = RunsByRegion::new(&labels, image.width, count);
         let jobs: Vec<usize> = (0..count).step_by(REGIONS_PER_JOB).collect();
         let found: Vec<Vec<(Vec<Edges>, Edges)>> = jobs
             .into_par_iter()
             .map(|first| {
                 let mut slots = Slots::new(count);
                 let regions = first..count.min(first + REGIONS_PER_JOB);
-                regions.map(|region| image.edges_from(region as u32, pixels.of(region), &labels, &mut slots)).collect()
+                regions.map(|region| image.edges_from(region as u32, runs.of(region), &labels, &mut slots)).collect()
             })
             .collect();
         let (mut edges, inner): (Vec<_>, Vec<_>) = found.into_iter().flatten().unzip();
@@ -94,11 +111,19 @@ struct PixelEdges {
 impl PixelEdges {
     fn new(log_odds: &FeatureMap, offsets: &[Offset]) -> Self {
         let (width, height) = (log_odds.width(), log_odds.height());
+        let instructions = Instructions::best();
         let plane = |channel: usize| {
-            let mut plane = Vec::with_capacity(width * height);
-            for row in 0..height {
-                let values = log_odds.row(channel, row).iter();
-                plane.extend(values.map(|value| (value.clamp(-LARGEST, LARGEST) * UNIT) as i16));
+            let mut plane = vec![0; width * height];
+            for (row, out) in plane.chunks_exact_mut(width.max(1)).enumerate() {
+                let values = log_odds.row(channel, row);
+                instructions.run(
+                    #[inline(always)]
+                    || {
+                        for (out, value) in out.iter_mut().zip(values) {
+                            *out = (value.clamp(-LARGEST, LARGEST) * UNIT) as i32 as i16;
+                        }
+                    },
+                );
             }
             plane
         };
@@ -108,83 +133,124 @@ impl PixelEdges {
 
     /// Unites direct neighbours within cells. Returns the region of each pixel.
     fn regions(&self, cell: usize, first: [usize; 2]) -> Vec<u32> {
-        // True if the next row or column is in another cell, or none.
-        let is_last = |place: usize, axis: usize, size: usize| {
-            place + 1 == size || (place + 1 + cell - first[axis]).is_multiple_of(cell)
-        };
+        let width = self.width.max(1);
+        // Regions stay in their row of cells, so every row of cells is numbered by itself.
+        let mut bands = Vec::new();
+        let mut labels = vec![0; self.width * self.height];
+        let (upper, rest) = labels.split_at_mut((first[0] % cell).min(self.height) * self.width);
+        let mut row = 0;
+        for band in [upper].into_iter().chain(rest.chunks_mut(cell * width)).filter(|band| !band.is_empty()) {
+            let rows = row..row + band.len() / width;
+            row = rows.end;
+            bands.push((rows, band));
+        }
+        let is_last =
+            |column: usize| column + 1 == self.width || (column + 1 + cell - first[1] % cell).is_multiple_of(cell);
+        let is_last: Vec<bool> = (0..self.width).map(is_last).collect();
+        let counts: Vec<u32> =
+            bands.par_iter_mut().map(|(rows, labels)| self.unite(rows.clone(), &is_last, labels)).collect();
+        let mut before = 0;
+        for ((_, labels), count) in bands.into_iter().zip(counts) {
+            labels.iter_mut().for_each(|label| *label += before);
+            before += count;
+        }
+        labels
+    }
+
+    /// Unites direct neighbours in some rows, and numbers their regions. Returns the number of regions. `is_last` is true
+    /// where the next column is in another cell, or none.
+    fn unite(&self, rows: Range<usize>, is_last: &[bool], labels: &mut [u32]) -> u32 {
         let sure = (SURE * UNIT) as i16;
-        let mut parents: Vec<u32> = (0..(self.width * self.height) as u32).collect();
+        let start = rows.start * self.width;
+        let mut parents: Vec<u32> = (0..labels.len() as u32).collect();
+        let mut unite = |a: usize, b: usize| {
+            let (a, b) = (root(&mut parents, a as u32), root(&mut parents, b as u32));
+            // The root of a region is its first pixel.
+            parents[a.max(b) as usize] = a.min(b);
+        };
         for (offset, values) in &self.planes {
-            let step = match (offset.down, offset.right) {
-                (0, 1) => 1,
-                (1, 0) => self.width,
-                _ => continue,
-            };
-            for (row, values) in values.chunks_exact(self.width).enumerate() {
-                if offset.down == 1 && is_last(row, 0, self.height) {
-                    continue;
-                }
-                for (column, value) in values.iter().enumerate() {
-                    if *value > sure && !(offset.right == 1 && is_last(column, 1, self.width)) {
-                        let pixel = row * self.width + column;
-                        let (a, b) = (root(&mut parents, pixel as u32), root(&mut parents, (pixel + step) as u32));
-                        // The root of a region is its first pixel.
-                        parents[a.max(b) as usize] = a.min(b);
+            let values = &values[start..][..labels.len()];
+            match (offset.down, offset.right) {
+                (0, 1) => {
+                    for (row, values) in values.chunks_exact(self.width).enumerate() {
+                        for (column, (value, is_last)) in values.iter().zip(is_last).enumerate() {
+                            if *value > sure && !is_last {
+                                unite(row * self.width + column, row * self.width + column + 1);
+                            }
+                        }
                     }
                 }
+                (1, 0) => {
+                    for (pixel, value) in values[..values.len() - self.width].iter().enumerate() {
+                        if *value > sure {
+                            unite(pixel, pixel + self.width);
+                        }
+                    }
+                }
+                _ => {}
             }
         }
-        numbered(parents)
+        number(&mut parents, labels)
     }
 
     /// Returns the edges from a region's pixels to each other region, and the edges inside it.
-    fn edges_from(&self, region: u32, pixels: &[u32], labels: &[u32], slots: &mut Slots) -> (Vec<Edges>, Edges) {
+    fn edges_from(&self, region: u32, runs: &[Run], labels: &[u32], slots: &mut Slots) -> (Vec<Edges>, Edges) {
         let mut edges: Vec<Edges> = Vec::with_capacity(4 * self.planes.len());
         let mut inner = Edges { other: region, count: 0, sum: 0 };
         slots.begin();
         for (offset, values) in &self.planes {
-            let step = offset.down as isize * self.width as isize + offset.right as isize;
             // Successive pixels mostly have partners in the same region.
-            let mut run = Edges { other: region, count: 0, sum: 0 };
-            for pixel in pixels {
-                let pixel = *pixel as usize;
-                let column = (pixel % self.width) as i32 + offset.right;
-                let partner = pixel.wrapping_add_signed(step);
-                if column < 0 || column >= self.width as i32 || partner >= labels.len() {
-                    continue;
+            let mut found = Edges { other: region, count: 0, sum: 0 };
+            for run in runs {
+                let Some((pixels, partners)) = self.pairs(*run, *offset) else { continue };
+                for (other, value) in labels[partners].iter().zip(&values[pixels]) {
+                    if *other != found.other {
+                        close(found, region, &mut edges, &mut inner, slots);
+                        found = Edges { other: *other, count: 0, sum: 0 };
+                    }
+                    found.count += 1;
+                    found.sum += i64::from(*value);
                 }
-                let other = labels[partner];
-                if other != run.other {
-                    close(run, region, &mut edges, &mut inner, slots);
-                    run = Edges { other, count: 0, sum: 0 };
-                }
-                run.count += 1;
-                run.sum += i64::from(values[pixel]);
             }
-            close(run, region, &mut edges, &mut inner, slots);
+            close(found, region, &mut edges, &mut inner, slots);
         }
         (edges, inner)
     }
-}
 
-/// Adds a run of edges of `region` to `inner` if they end in the same region, else to `edges`.
-#[inline]
-fn close(run: Edges, region: u32, edges: &mut Vec<Edges>, inner: &mut Edges, slots: &mut Slots) {
-    if run.other == region {
-        inner.count += run.count;
-        inner.sum += run.sum;
-    } else {
-        slots.add(edges, run);
+    /// The pixels of a run that have partners at an offset, and these partners.
+    #[inline]
+    fn pairs(&self, run: Run, offset: Offset) -> Option<(Range<usize>, Range<usize>)> {
+        let row = usize::try_from(run.row as i32 + offset.down).ok().filter(|row| *row < self.height)?;
+        let first = (run.columns.0 as i32).max(-offset.right);
+        let end = (run.columns.1 as i32).min(self.width as i32 - offset.right);
+        if first >= end {
+            return None;
+        }
+        let (pixel, partner) = (run.row as usize * self.width, row * self.width);
+        let right = |column: i32| (column + offset.right) as usize;
+        Some((pixel + first as usize..pixel + end as usize, partner + right(first)..partner + right(end)))
     }
 }
 
-/// Numbers the trees of a union-find forest in the order of their first nodes, which must be their roots. Returns the
-/// number for each node.
-fn numbered(mut parents: Vec<u32>) -> Vec<u32> {
+/// Adds edges of `region` to `inner` if they end in the same region, else to `edges`.
+#[inline]
+fn close(found: Edges, region: u32, edges: &mut Vec<Edges>, inner: &mut Edges, slots: &mut Slots) {
+    if found.other == region {
+        inner.add(found);
+        return;
+    }
+    match slots.place(found.other, edges.len()) {
+        Some(place) => edges[place].add(found),
+        None => edges.push(found),
+    }
+}
+
+/// Numbers the trees of a union-find forest in the order of their first nodes, which must be their roots. Writes the
+/// number of each node, and returns that of the trees.
+fn number(parents: &mut [u32], labels: &mut [u32]) -> u32 {
     let mut count = 0;
-    let mut labels = vec![0; parents.len()];
     for node in 0..parents.len() {
-        let root = root(&mut parents, node as u32) as usize;
+        let root = root(parents, node as u32) as usize;
         if root == node {
             labels[node] = count;
             count += 1;
@@ -192,7 +258,7 @@ fn numbered(mut parents: Vec<u32>) -> Vec<u32> {
             labels[node] = labels[root];
         }
     }
-    labels
+    count
 }
 
 /// Returns the root of a node in a union-find forest.
@@ -206,29 +272,46 @@ pub(super) fn root(parents: &mut [u32], mut node: u32) -> u32 {
     node
 }
 
-/// The pixels of each region.
-struct PixelsByRegion {
-    starts: Vec<u32>,
-    pixels: Vec<u32>,
+/// Neighbouring pixels of one row and one region.
+#[derive(Clone, Copy, Debug, Default)]
+struct Run {
+    row: u32,
+    /// The first column and the one after the last.
+    columns: (u32, u32),
 }
 
-impl PixelsByRegion {
-    fn new(labels: &[u32], count: usize) -> Self {
+/// The pixels of each region.
+struct RunsByRegion {
+    starts: Vec<u32>,
+    runs: Vec<Run>,
+}
+
+impl RunsByRegion {
+    fn new(labels: &[u32], width: usize, count: usize) -> Self {
+        let mut found: Vec<(u32, Run)> = Vec::with_capacity(3 * count);
         let mut starts = vec![0; count + 1];
-        labels.iter().for_each(|label| starts[*label as usize + 1] += 1);
+        for (row, labels) in labels.chunks_exact(width.max(1)).enumerate() {
+            let mut column = 0;
+            for same in labels.chunk_by(|one, next| one == next) {
+                let columns = (column, column + same.len() as u32);
+                column = columns.1;
+                starts[same[0] as usize + 1] += 1;
+                found.push((same[0], Run { row: row as u32, columns }));
+            }
+        }
         (0..count).for_each(|region| starts[region + 1] += starts[region]);
         let mut next = starts.clone();
-        let mut pixels = vec![0; labels.len()];
-        for (pixel, label) in labels.iter().enumerate() {
-            let place = &mut next[*label as usize];
-            pixels[*place as usize] = pixel as u32;
+        let mut runs = vec![Run::default(); found.len()];
+        for (region, run) in found {
+            let place = &mut next[region as usize];
+            runs[*place as usize] = run;
             *place += 1;
         }
-        Self { starts, pixels }
+        Self { starts, runs }
     }
 
-    fn of(&self, region: usize) -> &[u32] {
-        &self.pixels[self.starts[region] as usize..self.starts[region + 1] as usize]
+    fn of(&self, region: usize) -> &[Run] {
+        &self.runs[self.starts[region] as usize..self.starts[region + 1] as usize]
     }
 }
 
@@ -250,17 +333,14 @@ impl Slots {
         self.list += 1;
     }
 
-    /// Adds edges to a list, combined with the existing entry for the same region if there is one.
+    /// Returns the place of a region in the current list. If it has none yet, remembers that it is `next`.
     #[inline]
-    pub fn add(&mut self, edges: &mut Vec<Edges>, more: Edges) {
-        let (list, place) = &mut self.places[more.other as usize];
+    pub fn place(&mut self, region: u32, next: usize) -> Option<usize> {
+        let (list, place) = &mut self.places[region as usize];
         if *list == self.list {
-            let known = &mut edges[*place as usize];
-            known.count += more.count;
-            known.sum += more.sum;
-        } else {
-            (*list, *place) = (self.list, edges.len() as u32);
-            edges.push(more);
+            return Some(*place as usize);
         }
+        (*list, *place) = (self.list, next as u32);
+        None
     }
 }
