@@ -7,7 +7,7 @@
 //!
 //! | reader | input |
 //! | --- | --- |
-//! | `checkpoint` | `.safetensors` of a tiny CLIP network, changed in its header or its numbers; then an image and a text |
+//! | `checkpoint` | `.safetensors` of a tiny CLIP network, changed in its header; then an image and a text |
 //! | `config` | the JSON file beside it |
 //! | `text` | texts for the tokenizer |
 //! | `merges` | merges of a tokenizer; then a text |
