@@ -110,6 +110,7 @@ fn view_frame(frame: &LiveFrame<'_>, objects: &[ViewObject]) -> ViewFrame {
         objects: objects.to_vec(),
         status: ViewStatus {
             dropped: frame.status.counts.dropped.total(),
+            is_pose_given: frame.result.pose.state == PoseState::Given,
             delay: Some(frame.status.age),
             lines: lost.into_iter().collect(),
         },

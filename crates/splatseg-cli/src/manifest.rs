@@ -19,7 +19,7 @@ pub const SUMMARY: &str = "summary.json";
 /// Folders with a file for each frame, and the extension of their files.
 pub const RESULT_FOLDERS: [(&str, &str); 2] = [("segments", "png"), ("overlay", "jpg")];
 /// Folders with further results, and the extension of their files.
-pub const EXTRA_FOLDERS: [(&str, &str); 2] = [("objects", "jpg"), ("viewer", "js")];
+pub const EXTRA_FOLDERS: [(&str, &str); 3] = [("objects", "jpg"), ("pictures", "jpg"), ("viewer", "js")];
 /// Results beside these folders.
 pub const RESULT_FILES: [&str; 6] = [SUMMARY, "objects.json", "objects.csv", "changes.json", "poses.txt", "index.html"];
 

@@ -18,7 +18,8 @@ use std::net::{Shutdown, TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
 use std::thread;
 use std::time::{Duration, Instant};
-use tungstenite::protocol::{Role, WebSocketConfig};
+use tungstenite::protocol::frame::coding::CloseCode;
+use tungstenite::protocol::{CloseFrame, Role, WebSocketConfig};
 use tungstenite::{Bytes, Message, WebSocket};
 
 /// Connections in addition to the viewers that have shown the token: requests for the page.
@@ -31,6 +32,8 @@ const MAX_ENDING_STRANGERS: usize = 2 * MAX_STRANGERS;
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(20);
 /// A viewer is looked after at least this often.
 const ATTEND_INTERVAL: Duration = Duration::from_millis(20);
+/// Time to send a viewer what waits for it when the server stops.
+const FAREWELL_TIME: Duration = Duration::from_millis(100);
 /// Maximum size of a viewer's message, bytes. Subscriptions are the longest.
 const MAX_MESSAGE: usize = 64 << 10;
 /// Messages of a viewer that are read before it is sent something again.
@@ -96,6 +99,14 @@ impl Connections {
 
     fn remove(&self, number: u64) {
         lock(&self.open).remove(&number);
+    }
+
+    /// Waits until the connections that have shown the token have ended by themselves, at most for this long.
+    pub(crate) fn wait_for_viewers(&self, time: Duration) {
+        let deadline = Instant::now() + time;
+        while lock(&self.open).values().any(|open| open.stage == Stage::Known) && Instant::now() < deadline {
+            thread::sleep(Duration::from_millis(2));
+        }
     }
 
     /// Ends all connections, and waits for their threads, at most for this long.
@@ -320,9 +331,14 @@ fn attend(
             return Err(io::Error::from(io::ErrorKind::TimedOut).into());
         }
     }
-    // A farewell; the connection ends anyway.
-    socket.get_mut().allow(ATTEND_INTERVAL);
-    let _ = socket.close(None);
+    // A farewell, by which the viewer knows that nothing was lost; the connection ends anyway.
+    socket.get_mut().allow(FAREWELL_TIME);
+    while let Some(message) = viewer.next() {
+        if socket.send(message).is_err() {
+            break;
+        }
+    }
+    let _ = socket.close(Some(CloseFrame { code: CloseCode::Normal, reason: "the session has ended".into() }));
     let _ = socket.flush();
     Ok(())
 }

@@ -43,6 +43,8 @@ pub struct ViewObject {
 pub struct ViewStatus {
     /// Number of frames of the source that were not processed.
     pub dropped: u64,
+    /// True if the frame's pose came with it; otherwise the camera is tracked.
+    pub is_pose_given: bool,
     /// Time from taking the picture to its result; `None` for a recording.
     pub delay: Option<Duration>,
     /// Further lines to show, e.g. warnings.

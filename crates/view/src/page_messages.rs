@@ -1,7 +1,7 @@
 //! The messages that the page reads in `live.js` of the viewer.
 //!
 //! Text messages are JSON objects with a `kind`. A frame is binary: the length of its JSON (32 bits, little-endian), the
-//! JSON, a JPEG file, and the ids.
+//! JSON, a JPEG file, and the ids. The page draws them over the picture.
 
 use crate::camera_path::CameraPath;
 use crate::hub::PlacedFrame;
@@ -11,7 +11,7 @@ use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageError, RgbImage, imageops};
 use serde_json::{Value, json};
 use splatseg_geometry::{Image, ImageSizeError, Pose, SegmentMap};
-use splatseg_output::{MapData, OutputError, draw_overlay, encode_ids, reduce_ids, segment_color};
+use splatseg_output::{MapData, encode_ids, segment_color};
 use thiserror::Error;
 use tungstenite::Message;
 
@@ -22,8 +22,6 @@ const JPEG_QUALITY: u8 = 80;
 /// A frame cannot be shown.
 #[derive(Debug, Error)]
 pub(crate) enum EncodeError {
-    #[error(transparent)]
-    Overlay(#[from] OutputError),
     #[error(transparent)]
     Jpeg(#[from] ImageError),
     #[error(transparent)]
@@ -77,16 +75,19 @@ pub(crate) fn map(map: &MapData, up: Vec3, origin: DVec3) -> Message {
 pub(crate) fn frame(placed: &PlacedFrame, origin: DVec3, frames_per_second: f32) -> Result<Message, EncodeError> {
     let PlacedFrame { index, frame, world_from_camera } = placed;
     let (color, segments) = small(frame)?;
-    let overlay = draw_overlay(&color, &segments)?;
     let mut jpeg = Vec::new();
-    let pixels: &[u8] = overlay.pixels().as_flattened();
+    let pixels: &[u8] = color.pixels().as_flattened();
     JpegEncoder::new_with_quality(&mut jpeg, JPEG_QUALITY).encode(
         pixels,
-        overlay.width() as u32,
-        overlay.height() as u32,
+        color.width() as u32,
+        color.height() as u32,
         ExtendedColorType::Rgb8,
     )?;
-    let ids = reduce_ids(&segments);
+    let pose_state = match (world_from_camera, frame.status.is_pose_given) {
+        (None, _) => "lost",
+        (Some(_), true) => "given",
+        (Some(_), false) => "tracked",
+    };
     let header = json!({
         "kind": "frame",
         "index": index,
@@ -95,10 +96,11 @@ pub(crate) fn frame(placed: &PlacedFrame, origin: DVec3, frames_per_second: f32)
         "time": frame.timestamp.map(|time| time.as_secs_f64()),
         "origin": origin,
         "pose": world_from_camera.as_ref().map(|pose| pose_numbers(pose, origin)),
+        "pose_state": pose_state,
         "camera": frame.intrinsics,
         "jpeg": jpeg.len(),
-        "width": ids.width(),
-        "height": ids.height(),
+        "width": segments.width(),
+        "height": segments.height(),
         "rate": frames_per_second,
         "dropped": frame.status.dropped,
         "delay": frame.status.delay.map(|delay| delay.as_secs_f64()),
@@ -106,7 +108,7 @@ pub(crate) fn frame(placed: &PlacedFrame, origin: DVec3, frames_per_second: f32)
     })
     .to_string();
     let length = u32::try_from(header.len()).map_err(|_| EncodeError::TooLarge)?;
-    let bytes = [&length.to_le_bytes(), header.as_bytes(), &jpeg, &encode_ids(&ids)].concat();
+    let bytes = [&length.to_le_bytes(), header.as_bytes(), &jpeg, &encode_ids(&segments)].concat();
     Ok(Message::binary(bytes))
 }
 

@@ -11,7 +11,8 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// Time for viewers to leave when the server stops.
+/// Time for viewers to be told that the server stops, and to leave.
+const FAREWELL_TIME: Duration = Duration::from_millis(200);
 const END_TIME: Duration = Duration::from_millis(500);
 
 /// A server for viewers of a run. It stops when dropped.
@@ -131,6 +132,7 @@ impl ViewServer {
 impl Drop for ViewServer {
     fn drop(&mut self) {
         self.shared.stop();
+        self.connections.wait_for_viewers(FAREWELL_TIME);
         self.connections.end(END_TIME);
         for thread in self.threads.drain(..) {
             if thread.join().is_err() {

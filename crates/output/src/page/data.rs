@@ -18,6 +18,9 @@ pub struct RunData<'a> {
     pub frames_per_chunk: usize,
     /// Names of the frames' files, without folder and extension.
     pub frames: &'a [String],
+    /// Timestamps of the frames, seconds; null for a frame without one, missing if no frame has one.
+    #[serde(skip_serializing_if = "no_stamps")]
+    pub stamps: &'a [Option<f64>],
     /// Ids that turned out to be the same object: the index of a frame, an id in the frames before it, and the id that it
     /// turned out to be. In order. The files with ids have those of their time.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -38,6 +41,10 @@ pub struct RunData<'a> {
     pub changes: Option<ChangesData>,
     /// The map; missing if the method has no memory.
     pub map: Option<MapData>,
+}
+
+fn no_stamps(stamps: &&[Option<f64>]) -> bool {
+    stamps.iter().all(Option::is_none)
 }
 
 /// A camera's intrinsics.

@@ -8,6 +8,7 @@
 //! | `index.html` | the page itself, the same for every run |
 //! | `viewer/viewer.js` | its script, with three.js |
 //! | `viewer/run.js` | cameras, objects and map: [`data::RunData`] as JSON |
+//! | `pictures/*.jpg` | the frames' pictures without overlay, at most 640 pixels wide |
 //! | `viewer/frames-000.js` … | ids of the pixels ([`ids`]) of 64 frames each, loaded on demand |
 //!
 //! `viewer/viewer.min.js` has three.js and the sources in `viewer/src/`. It is committed, so that neither building nor
@@ -18,10 +19,11 @@ mod changes;
 mod data;
 mod ids;
 mod map;
+mod picture;
 mod sightings;
 mod up;
 
-pub use ids::{encode_ids, reduce_ids};
+pub use ids::encode_ids;
 pub use map::{MapData, map_data};
 pub use up::UpEstimate;
 
@@ -59,6 +61,8 @@ const FRAMES_PER_CHUNK: usize = 64;
 #[derive(Debug, Default)]
 pub struct Page {
     names: Vec<String>,
+    /// Timestamps of the frames, seconds.
+    stamps: Vec<Option<f64>>,
     /// [`POSE_NUMBERS`] per frame.
     poses: Vec<f64>,
     cameras: Vec<CameraData>,
@@ -69,10 +73,12 @@ pub struct Page {
     chunks: usize,
 }
 
-/// Saved state of a frame: its name, pose and objects, and its camera if it is a new one.
+/// Saved state of a frame: its name, timestamp (seconds), pose and objects, and its camera if it is a new one.
 #[derive(Serialize, Deserialize)]
 struct SavedFrame {
     name: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    stamp: Option<f64>,
     pose: Vec<f64>,
     camera: Option<CameraData>,
     objects: Vec<ObjectSighting>,
@@ -174,6 +180,11 @@ impl Page {
     }
 }
 
+/// Timestamp of a frame, seconds.
+fn stamp(record: &FrameRecord) -> Option<f64> {
+    record.frame.timestamp().map(|stamp| stamp.as_secs_f64())
+}
+
 /// A pose of [`POSE_NUMBERS`] after a motion: new world coordinates from old ones.
 fn moved([x, y, z, turn @ ..]: &[f64; POSE_NUMBERS], motion: &Pose) -> [f64; POSE_NUMBERS] {
     let [x, y, z] = (motion.rotation() * DVec3::new(*x, *y, *z) + motion.translation()).to_array();
@@ -190,6 +201,10 @@ impl RunOutput for Page {
         let frame = self.names.len();
         self.add_pose(record);
         self.names.push(record.file_name.clone());
+        self.stamps.push(stamp(record));
+        let file = format!("pictures/{}.jpg", record.file_name);
+        let jpeg = picture::small_jpeg(&folder.path_of(&file), record.frame.color())?;
+        folder.write(&file, &jpeg)?;
         self.add_sightings(frame, &record.objects, &record.remapped);
         let small = ids::reduce_ids(&record.segments);
         self.chunk.push((small.width(), small.height(), STANDARD.encode(ids::encode_ids(&small))));
@@ -201,7 +216,8 @@ impl RunOutput for Page {
         let pose = self.poses.get(POSE_NUMBERS * frame..).unwrap_or_default().to_vec();
         let camera = self.cameras.last().filter(|camera| camera.from == frame).copied();
         let (objects, remapped) = (record.objects.clone(), record.remapped.clone());
-        let saved = SavedFrame { name: record.file_name.clone(), pose, camera, objects, remapped };
+        let (name, stamp) = (record.file_name.clone(), stamp(record));
+        let saved = SavedFrame { name, stamp, pose, camera, objects, remapped };
         saved_state("index.html", &saved)
     }
 
@@ -213,8 +229,9 @@ impl RunOutput for Page {
         let SavedPage { up, chunk, chunks } = serde_json::from_slice(saved)?;
         let mut page = Self { up, chunk, chunks, ..Self::default() };
         for (number, frame) in frames.iter().enumerate() {
-            let SavedFrame { name, pose, camera, objects, remapped } = serde_json::from_str(frame)?;
+            let SavedFrame { name, stamp, pose, camera, objects, remapped } = serde_json::from_str(frame)?;
             page.names.push(name);
+            page.stamps.push(stamp);
             page.poses.extend(pose);
             page.cameras.extend(camera);
             page.add_sightings(number, &objects, &remapped);
@@ -241,6 +258,7 @@ impl RunOutput for Page {
             scene: end.scene,
             frames_per_chunk: FRAMES_PER_CHUNK,
             frames: &self.names,
+            stamps: &self.stamps,
             remapped: end
                 .remaps
                 .entries()

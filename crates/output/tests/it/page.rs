@@ -14,16 +14,21 @@ use splatseg_tracking::FrameOutput;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 const CAMERA: Intrinsics = Intrinsics { fx: 3.0, fy: 3.0, cx: 1.5, cy: 1.0, width: 4, height: 3 };
 
-/// Results in memory.
+/// Results in memory: texts, and pictures.
 #[derive(Default)]
-struct Files(BTreeMap<String, String>);
+struct Files(BTreeMap<String, String>, BTreeMap<String, Vec<u8>>);
 
 impl ResultFolder for Files {
     fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError> {
-        self.0.insert(file.to_owned(), String::from_utf8(bytes.to_vec()).unwrap());
+        if file.ends_with(".jpg") {
+            self.1.insert(file.to_owned(), bytes.to_vec());
+        } else {
+            self.0.insert(file.to_owned(), String::from_utf8(bytes.to_vec()).unwrap());
+        }
         Ok(())
     }
 
@@ -44,7 +49,9 @@ fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
         let segments = Image::from_fn(4, 3, |column, _| if column == 0 && number % 3 == 0 { 9 } else { 7 });
         let camera = Intrinsics { fx: if number < 2 { 3.0 } else { 4.0 }, ..CAMERA };
         let pose = Pose::from_translation(DVec3::new(number as f64, 0.5, 0.0));
-        let frame = wall("0", camera, 1.0, pose);
+        // The third frame has no timestamp.
+        let stamp = (number != 2).then(|| Duration::from_millis(100 * number as u64));
+        let frame = wall("0", camera, 1.0, pose).with_timestamp(stamp);
         let objects = log.record(&FrameOutput::from_segments(segments.clone()));
         let record = FrameRecord {
             number,
@@ -81,6 +88,9 @@ fn frames_are_in_files_of_64() {
     let expected: Vec<String> =
         ["index.html".to_owned()].into_iter().chain(viewer.map(|name| format!("viewer/{name}"))).collect();
     assert_eq!(names, expected.iter().collect::<Vec<_>>());
+    assert_eq!(files.1.len(), 130);
+    let picture = image::load_from_memory(&files.1["pictures/129.jpg"]).unwrap();
+    assert_eq!((picture.width(), picture.height()), (4, 3));
     for (chunk, count) in [(0, 64), (1, 64), (2, 2)] {
         let script = &files.0[&format!("viewer/frames-{chunk:03}.js")];
         let start = format!("splatsegFrames({chunk},");
@@ -97,6 +107,7 @@ fn frames_are_in_files_of_64() {
 fn the_data_say_where_objects_and_cameras_were() {
     let run = run(&page(5, "room", |number| format!("frame {number}")));
     assert_eq!((&run["scene"], &run["frames"][4], &run["map"]), (&json!("room"), &json!("frame 4"), &Value::Null));
+    assert_eq!(run["stamps"], json!([0.0, 0.1, null, 0.3, 0.4]));
     let cameras: Vec<(&Value, &Value)> =
         run["cameras"].as_array().unwrap().iter().map(|camera| (&camera["from"], &camera["fx"])).collect();
     assert_eq!(cameras, [(&json!(0), &json!(3.0)), (&json!(2), &json!(4.0))]);

@@ -1,14 +1,21 @@
 // The page of a finished run. Connects its parts: they share the shown frame and the selected object.
 
 import { ChangeList } from "./change_list.js";
+import { Clock } from "./clock.js";
+import { listenToComparison } from "./comparison.js";
+import { listenToDownloads } from "./downloads.js";
 import { byElementId, counted, nameOf, note } from "./element.js";
 import { FrameIds } from "./frame_ids.js";
+import { listenToKeys } from "./keys.js";
+import { Link, stateOf } from "./link.js";
+import { listenToControls } from "./map_controls.js";
 import { MapView } from "./map_view.js";
 import { ObjectInfo } from "./object_info.js";
 import { ObjectList } from "./object_list.js";
-import { listenToControls } from "./map_controls.js";
 import { Picture } from "./picture.js";
 import { Timeline } from "./timeline.js";
+import { Tracks } from "./tracks.js";
+import { Visibility } from "./visibility.js";
 
 /** Shows a run. */
 export function showRun(run) {
@@ -16,39 +23,23 @@ export function showRun(run) {
   let selected = 0;
   /** True if the current frame shows the selected object, according to the run's data. */
   const isSeen = (object, frame) => object.seen.some(([first, last]) => first <= frame && frame <= last);
+  const toggle = (id) => select(id === selected ? 0 : id, "seek");
 
-  function describeRun() {
-    document.title = `${run.scene} – splatseg`;
-    byElementId("scene").textContent = run.scene;
-    const facts = [counted(run.frameCount, "frame"), counted(run.objects.length, "object")];
-    if (run.map) facts.push(counted(run.map.total, "Gaussian"));
-    byElementId("facts").textContent = `${facts.join(", ")} · splatseg ${run.version}`;
-  }
-
-  /** Creates the 3D view; if that fails, shows the reason and returns null. */
-  function mapView() {
-    const flat = (text) => {
-      byElementId("map").parentElement.classList.add("flat");
-      note("map-note", text);
-      return null;
-    };
-    if (!run.map) return flat("This method keeps no map, so there is nothing to show in 3D.");
-    if (run.map.count === 0) return flat("The map is empty, so there is nothing to show in 3D.");
-    if (run.map.count < run.map.total) {
-      const shown = run.map.count.toLocaleString("en");
-      note("map-note", `${shown} of ${counted(run.map.total, "Gaussian")} are drawn, enlarged to fill the gaps.`);
-    }
-    try {
-      return new MapView(run, select);
-    } catch (error) {
-      return flat(`The map cannot be shown in 3D: ${error.message}`);
-    }
-  }
-
-  const map = mapView();
-  const list = new ObjectList(run.objects, (id) => select(id === selected ? 0 : id, "seek"));
+  const map = mapView(run, { pick: select, moved: () => link.change() });
+  const list = new ObjectList(run.objects, { pick: toggle, filter: (isFound) => tracks.show(isFound) });
   const changes = run.changes && new ChangeList(run, { go: goToChange });
-  const info = new ObjectInfo(run, { goTo: show, center: map ? (id) => map.center(id) : null });
+  const info = new ObjectInfo(run, {
+    goTo: show,
+    center: map && ((id) => map.center(id)),
+    isolate: () => visibility.toggleIsolated(),
+    hide: () => visibility.toggleHidden(),
+  });
+  const visibility = new Visibility((isShown) => {
+    map?.showObjects(isShown);
+    list.showDrawn(isShown);
+    showDrawn();
+    link.change();
+  });
   const frameIds = new FrameIds(run.framesPerChunk, run.remapped);
   const picture = new Picture({
     nameOf: (id) => nameOf(id, run.byId.get(id)),
@@ -57,15 +48,21 @@ export function showRun(run) {
       list.showFrame(ids);
       root.dataset.frame = String(timeline.frame);
     },
+    onOpacity: () => link.change(),
     onError: (text) => note("video-note", text),
   });
-  const timeline = new Timeline(run, { show, preload: (frame) => picture.preload(shown(frame)), clear: () => select(0) });
+  const clock = new Clock(run.frameCount, run.stamps);
+  const tracks = new Tracks(run, clock, { seek: (frame) => frame !== timeline.frame && show(frame), pick: toggle });
+  const timeline = new Timeline(run, clock, { show, preload: (frame) => picture.preload(shown(frame)) });
+  const link = new Link(state);
 
   /** A frame as the picture shows it. */
   function shown(frame) {
+    const name = encodeURIComponent(run.names[frame]);
     return {
       camera: run.cameraOf(frame),
-      url: `overlay/${encodeURIComponent(run.names[frame])}.jpg`,
+      url: `overlay/${name}.jpg`,
+      plain: `pictures/${name}.jpg`,
       text: `frame ${run.names[frame]} with its objects`,
       ids: () => frameIds.of(frame),
     };
@@ -75,7 +72,9 @@ export function showRun(run) {
   function show(frame) {
     byElementId("video-note").hidden = true;
     timeline.showFrame(frame);
+    tracks.showFrame(frame);
     map?.showFrame(frame);
+    link.change();
     return picture.show(shown(frame));
   }
 
@@ -86,13 +85,20 @@ export function showRun(run) {
     root.dataset.object = String(id);
     list.mark(id);
     info.show(id);
-    timeline.mark(object);
+    tracks.mark(id);
     picture.mark(id);
     map?.mark(id);
+    visibility.select(id);
+    showDrawn();
+    link.change();
     if (seek && object?.seen.length && !isSeen(object, timeline.frame)) {
       timeline.pause();
       show(object.best);
     }
+  }
+
+  function showDrawn() {
+    info.showDrawn(visibility.isolated, visibility.hidden.has(selected));
   }
 
   /** Shows a change: what is gone in the map before, the rest in the map as it is now. */
@@ -107,18 +113,86 @@ export function showRun(run) {
     map?.showTime(time);
   }
 
-  /** `index.html#frame=12&object=7` opens at the 13th frame with object 7 selected. */
+  /** What the page shows, for its link. */
+  function state() {
+    const view = map?.view?.map((number) => Number(number.toFixed(3))).join(",");
+    return {
+      frame: timeline.frame,
+      object: selected || null,
+      view: view ?? null,
+      colors: byElementId("colors").value === "true" ? "true" : null,
+      cut: byElementId("cut").checked ? null : 0,
+      height: byElementId("ceiling").value === "100" ? null : byElementId("ceiling").value,
+      overlay: picture.opacity === 100 ? null : picture.opacity,
+      hide: visibility.hidden.size ? [...visibility.hidden].join(",") : null,
+      alone: visibility.isolated ? 1 : null,
+    };
+  }
+
+  /** `index.html#frame=12&object=7` opens at the 13th frame with object 7 selected; `state` has all names. */
   async function follow() {
-    const wanted = (name) => Number(new RegExp(`${name}=(\\d+)`).exec(location.hash)?.[1] ?? 0);
-    await show(Math.min(wanted("frame"), Math.max(0, run.frameCount - 1)));
-    select(run.byId.has(wanted("object")) ? wanted("object") : 0);
+    const wanted = stateOf(location.hash);
+    const change = (id, property, value) => {
+      byElementId(id)[property] = value;
+      byElementId(id).dispatchEvent(new Event(id === "ceiling" ? "input" : "change"));
+    };
+    change("colors", "value", wanted.text("colors") === "true" ? "true" : "object");
+    change("cut", "checked", wanted.number("cut") !== 0);
+    change("ceiling", "value", String(wanted.number("height") ?? 100));
+    picture.opacity = Math.max(0, Math.min(wanted.number("overlay") ?? 100, 100));
+    const view = wanted.numbers("view");
+    if (map && view?.length === 6) map.view = view;
+    const frame = Math.max(0, Math.floor(wanted.number("frame") ?? 0));
+    await show(Math.min(frame, Math.max(0, run.frameCount - 1)));
+    select(run.byId.has(wanted.number("object")) ? wanted.number("object") : 0);
+    visibility.hide((wanted.numbers("hide") ?? []).filter((id) => run.byId.has(id)));
+    if (wanted.number("alone") && selected && !visibility.isolated) visibility.toggleIsolated();
     root.dataset.ready = "yes";
   }
 
   // For the browser's console: `splatsegPage.select(7)`.
-  window.splatsegPage = { run, map, show, select, changes };
-  describeRun();
-  listenToControls(() => map, showTime);
+  window.splatsegPage = { run, map, show, select, changes, clock };
+  describe(run);
+  const controls = listenToControls(() => map, showTime, () => link.change());
+  listenToKeys({
+    c: listenToComparison(() => map),
+    m: controls.m,
+    r: controls.r,
+    o: () => picture.toggleOverlay(),
+    i: () => visibility.toggleIsolated(),
+    h: () => visibility.toggleHidden(),
+    Escape: () => controls.stopMeasuring() || select(0),
+  });
+  listenToDownloads(run, () => map);
   window.addEventListener("hashchange", follow);
   follow();
+}
+
+/** Writes what a run is into the header. */
+function describe(run) {
+  document.title = `${run.scene} – splatseg`;
+  byElementId("scene").textContent = run.scene;
+  const facts = [counted(run.frameCount, "frame"), counted(run.objects.length, "object")];
+  if (run.map) facts.push(counted(run.map.total, "Gaussian"));
+  byElementId("facts").textContent = `${facts.join(", ")} · splatseg ${run.version}`;
+}
+
+/** Creates the 3D view; if that fails, shows the reason and returns null. */
+function mapView(run, actions) {
+  const flat = (text) => {
+    byElementId("map").parentElement.classList.add("flat");
+    note("map-note", text);
+    return null;
+  };
+  if (!run.map) return flat("This method keeps no map, so there is nothing to show in 3D.");
+  if (run.map.count === 0) return flat("The map is empty, so there is nothing to show in 3D.");
+  if (run.map.count < run.map.total) {
+    const shown = run.map.count.toLocaleString("en");
+    note("map-note", `${shown} of ${counted(run.map.total, "Gaussian")} are drawn, enlarged to fill the gaps.`);
+  }
+  try {
+    return new MapView(run, actions);
+  } catch (error) {
+    return flat(`The map cannot be shown in 3D: ${error.message}`);
+  }
 }

@@ -2,6 +2,9 @@
 
 import { byElementId, counted, nameOf, note } from "./element.js";
 import { decode } from "./frame_ids.js";
+import { listenToDownloads } from "./downloads.js";
+import { listenToKeys } from "./keys.js";
+import { LiveCrops } from "./live_crops.js";
 import { LiveRun } from "./live_run.js";
 import { LiveStatus } from "./live_status.js";
 import { listenToControls } from "./map_controls.js";
@@ -18,6 +21,10 @@ const PAUSES_MS = [500, 5000];
 const SILENCE_MS = 6000;
 /** Decoding a picture may take this long, milliseconds. */
 const PICTURE_MS = 1000;
+/** The server's code for a session that has ended. */
+const ENDED = 1000;
+/** Colour of objects that are in a frame, but not in the list yet. */
+const NOT_LISTED = [128, 128, 128];
 
 class LivePage {
   #run = new LiveRun();
@@ -28,7 +35,8 @@ class LivePage {
   /** Lines about the run, and about the newest frame. */
   #notes = [];
   #lines = [];
-  #list = new ObjectList([], (id) => this.#select(id === this.#selected ? 0 : id));
+  #crops = new LiveCrops();
+  #list = new ObjectList([], { pick: (id) => this.#select(id === this.#selected ? 0 : id) });
   #info = new ObjectInfo(this.#run, { center: (id) => this.#map?.center(id) });
   #picture = new Picture({
     nameOf: (id) => nameOf(id, this.#run.byId.get(id)),
@@ -39,9 +47,15 @@ class LivePage {
 
   constructor() {
     document.documentElement.classList.add("live");
-    byElementId("map-hint").textContent = "The map appears here as it grows.";
-    listenToControls(() => this.#map, () => {});
-    document.addEventListener("keydown", (event) => event.key === "Escape" && this.#select(0));
+    byElementId("map-hint").textContent = "The map appears here as it grows";
+    const controls = listenToControls(() => this.#map, () => {});
+    listenToKeys({
+      m: controls.m,
+      r: controls.r,
+      o: () => this.#picture.toggleOverlay(),
+      Escape: () => controls.stopMeasuring() || this.#select(0),
+    });
+    listenToDownloads(this.#run, () => this.#map);
     this.#connect(PAUSES_MS[0]);
     // For the browser's console and tests.
     window.splatsegPage = { run: this.#run, map: () => this.#map, select: (id) => this.#select(id) };
@@ -70,8 +84,10 @@ class LivePage {
       work = work.then(() => this.#receive(data)).catch((error) => note("video-note", error.message));
       work.then(() => socket.readyState === WebSocket.OPEN && socket.send(SHOWN));
     });
-    socket.addEventListener("close", () => {
+    socket.addEventListener("close", ({ code }) => {
       clearTimeout(silence);
+      // What has come is still shown first.
+      if (code === ENDED) return work.then(() => this.#status.end());
       this.#status.lose();
       setTimeout(() => this.#connect(Math.min(2 * next, PAUSES_MS[1])), next);
     });
@@ -121,7 +137,9 @@ class LivePage {
     if (!document.hidden) await Promise.race([image.decode(), new Promise((resolve) => setTimeout(resolve, PICTURE_MS))]);
     this.#run.addFrame(frame);
     const text = `frame ${frame.name} with its objects`;
-    await this.#picture.show({ camera: frame.camera, url, text, ids: async () => ids });
+    const colorOf = (id) => this.#run.byId.get(id)?.color ?? NOT_LISTED;
+    await this.#picture.show({ camera: frame.camera, url: null, plain: url, text, ids: async () => ids, colorOf });
+    if (image.complete && this.#crops.add(image, ids)) this.#listObjects();
     if (this.#url) URL.revokeObjectURL(this.#url);
     this.#url = url;
     this.#status.setFrame(frame);
@@ -135,8 +153,14 @@ class LivePage {
   #showObjects(objects) {
     this.#run.setObjects(objects);
     this.#status.setObjects(objects.length);
-    this.#list.update(this.#run.objects);
+    this.#listObjects();
     if (this.#selected) this.#select(this.#run.byId.has(this.#selected) ? this.#selected : 0);
+  }
+
+  /** Lists the objects with their crops. */
+  #listObjects() {
+    for (const object of this.#run.objects) object.crop = this.#crops.of(object.id);
+    this.#list.update(this.#run.objects);
   }
 
   #showMap({ map, up, origin }) {
@@ -155,8 +179,8 @@ class LivePage {
 
   #createMap() {
     try {
-      this.#map = new MapView(this.#run, (id) => this.#select(id));
-      byElementId("map-hint").textContent = "Drag to orbit, right-drag to move, scroll to zoom, click an object.";
+      this.#map = new MapView(this.#run, { pick: (id) => this.#select(id) });
+      byElementId("map-hint").textContent = "Drag to orbit, scroll to zoom, click an object";
       if (this.#run.cameraOf()) this.#map.showFrame(0);
     } catch (error) {
       byElementId("map").parentElement.classList.add("flat");

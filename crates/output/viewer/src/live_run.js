@@ -77,6 +77,10 @@ export class LiveRun {
     return steps;
   }
 
+  places() {
+    return this.#places.filter((place) => place !== null);
+  }
+
   rotations() {
     return this.#rotations;
   }

@@ -26,6 +26,12 @@ export class LiveStatus {
     this.#show();
   }
 
+  /** Shows that the session has ended. */
+  end() {
+    this.#state = "ended";
+    this.#show();
+  }
+
   /** Shows that there is a connection. */
   connect() {
     this.#state = this.#frame ? "live" : "waiting";
@@ -51,17 +57,24 @@ export class LiveStatus {
     document.documentElement.dataset.state = this.#state;
     const isLost = this.#state === "live" && this.#frame?.pose === null;
     this.#line.dataset.state = isLost ? "camera-lost" : this.#state;
-    this.#line.textContent = { waiting: "waiting for the first frame", lost: lostText(), live: this.#facts() }[this.#state];
+    const texts = { waiting: "waiting for the first frame", lost: lostText(), live: this.#facts(), ended: this.#summary() };
+    this.#line.textContent = texts[this.#state];
+  }
+
+  #summary() {
+    const facts = ["the session has ended"];
+    if (this.#frame) facts.push(`last frame ${this.#frame.number.toLocaleString("en")}`, counted(this.#objects, "object"));
+    return facts.join(" · ");
   }
 
   #facts() {
     if (!this.#frame) return "";
-    const { number, pose, delay, dropped } = this.#frame;
+    const { number, pose_state: poseState, delay, dropped } = this.#frame;
     const age = performance.now() - this.#time;
     const facts = [`frame ${number.toLocaleString("en")}`, `${this.#rate.toFixed(1)} frames/s`];
     if (delay !== null) facts.push(`${delay.toFixed(2)} s behind`);
     facts.push(`${dropped.toLocaleString("en")} dropped`, counted(this.#objects, "object"));
-    facts.push(pose ? "camera tracked" : "camera lost");
+    facts.push({ given: "poses given", tracked: "camera tracked", lost: "camera lost" }[poseState]);
     if (age > OLD_MS) facts.push(`no new frame for ${Math.round(age / 1000)} s`);
     return facts.join(" · ");
   }

@@ -2,17 +2,19 @@
 
 import { Color, Matrix4, PerspectiveCamera, Quaternion, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { LineMaterial } from "three/addons/lines/LineMaterial.js";
-import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
-import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { changesOf } from "./change_list.js";
+import { firstView } from "./first_view.js";
+import { listenToMapKeys } from "./map_keys.js";
+import { lines, setLines, unitBox, unitBoxOf } from "./map_lines.js";
+import { showScale } from "./map_scale.js";
+import { Measure } from "./measure.js";
+import { SplatDrawing } from "./splat_drawing.js";
 import { Splats } from "./splats.js";
 
 const FIELD_OF_VIEW_DEGREES = 50;
 /** Pointer movement, pixels, beyond which a click is a drag. */
 const CLICK_PIXELS = 4;
 const CAMERA_COLOR = 0xf25c05;
-const LINE_PIXELS = 2;
 /** The view is widened once the map has grown or moved by this part of its radius, so that it does not move all the time. */
 const REFIT_GROWTH = 0.1;
 
@@ -22,8 +24,13 @@ export class MapView {
   #stage = document.getElementById("stage");
   #scene = new Scene();
   #follow = false;
+  /** Tells which objects are drawn; null for all. */
+  #isShown = null;
+  /** True while the map of another run is shown. */
+  #isOther = false;
   #frame = 0;
-  #drawing = false;
+  #drawing;
+  #isWaiting = false;
   /** True while the camera's pose is unknown. */
   #lost = false;
   /** True once the user has turned or moved the view. */
@@ -31,49 +38,82 @@ export class MapView {
   /** The extent that the view was last fitted to. */
   #fitted = null;
 
-  /** Throws if the browser has no WebGL. `onPick` is called with the id that was clicked, 0 for none. */
-  constructor(run, onPick) {
+  /**
+   * Throws if the browser has no WebGL. `actions`: `pick(id)` is called with the id that was clicked, 0 for none; `moved()`
+   * after the user has changed the view.
+   */
+  constructor(run, actions) {
     this.#run = run;
-    this.renderer = new WebGLRenderer({ canvas: this.#canvas, antialias: false });
+    this.renderer = new WebGLRenderer({ canvas: this.#canvas, antialias: true });
+    this.#drawing = new SplatDrawing(this.renderer);
     const changes = changesOf(run.changes);
     const added = new Set(changes.flatMap(({ after }) => after?.id ?? []));
-    this.splats = new Splats(run.map, run.byId, added);
+    this.splats = this.#splatsOf(run.map, run.byId, added);
     const removed = new Map(changes.flatMap(({ before }) => (before ? [[before.id, before]] : [])));
-    this.before = run.changes && new Splats(run.changes.map_before, removed);
+    this.before = run.changes && this.#splatsOf(run.changes.map_before, removed);
     this.camera = new PerspectiveCamera(FIELD_OF_VIEW_DEGREES, 1, 0.02, 1000);
     this.camera.up.fromArray(run.up);
     this.controls = new OrbitControls(this.camera, this.#canvas);
     this.controls.zoomToCursor = true;
     this.controls.addEventListener("change", () => this.draw());
     this.controls.addEventListener("start", () => (this.#touched = true));
+    this.controls.addEventListener("end", () => actions.moved?.());
+    listenToMapKeys(this.#canvas, this.controls, () => {
+      this.#touched = true;
+      actions.moved?.();
+    });
     this.#addLines();
-    this.#scene.add(this.splats.points);
+    this.measure = new Measure(this.#scene, () => this.draw());
     if (this.before) this.#addChanges(changes);
-    this.#listen(onPick);
+    this.#listen(actions.pick);
     this.extent = this.splats.extent();
     this.reset();
-    new ResizeObserver(() => this.#resize()).observe(this.#stage);
+    new ResizeObserver(() => (this.#touched || this.#follow ? this.#resize() : this.#fit())).observe(this.#stage);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#paint());
     this.#paint();
   }
 
+  /** The Gaussians of a map, as something that is drawn. */
+  #splatsOf(map, byId, added, places = this.#run.places()) {
+    const splats = new Splats(map, byId, places, added);
+    splats.uniforms.up.value = new Vector3(...this.#run.up);
+    this.#drawing.add(splats);
+    return splats;
+  }
+
   /** Schedules a redraw. */
   draw() {
-    if (this.#drawing) return;
-    this.#drawing = true;
+    if (this.#isWaiting) return;
+    this.#isWaiting = true;
     requestAnimationFrame(() => {
-      this.#drawing = false;
+      this.#isWaiting = false;
       this.drawNow();
     });
   }
 
   /** Draws immediately. */
   drawNow() {
+    this.#drawing.draw(this.camera);
     this.renderer.render(this.#scene, this.camera);
+    const { clientWidth: width, clientHeight: height } = this.#stage;
+    showScale(this.camera, this.#pixelsPerMetre(height) / this.camera.position.distanceTo(this.controls.target));
+    this.measure.place(this.camera, width, height);
   }
 
-  /** Looks at the whole map from above, in the cameras' viewing direction. */
+  /** The map as a PNG file. */
+  picture() {
+    this.drawNow();
+    return new Promise((resolve) => this.#canvas.toBlob(resolve, "image/png"));
+  }
+
+  /** Looks at the whole map from above, about in the cameras' viewing direction. */
   reset() {
+    this.#touched = false;
+    this.#fit();
+  }
+
+  /** Level direction in which the cameras looked, a unit vector. */
+  #forward() {
     const up = new Vector3(...this.#run.up);
     const forward = new Vector3();
     const quaternion = new Quaternion();
@@ -82,49 +122,52 @@ export class MapView {
     }
     forward.addScaledVector(up, -forward.dot(up));
     if (forward.length() < 1e-6) forward.set(up.y, up.z, up.x);
-    forward.normalize();
-    this.#touched = false;
+    return forward.normalize().toArray();
+  }
+
+  /** Fits the whole map into the stage. */
+  #fit() {
+    const { clientWidth: width, clientHeight: height } = this.#stage;
+    const tangent = Math.tan((FIELD_OF_VIEW_DEGREES * Math.PI) / 360);
+    const shape = { forward: this.#forward(), up: this.#run.up, height: tangent, aspect: width / height || 1 };
+    const { position, target } = firstView([...this.splats.samples(), ...this.#run.places().map(shownFromAll)], shape);
     this.#fitted = this.extent;
-    const { middle, radius } = this.extent;
     this.camera.fov = FIELD_OF_VIEW_DEGREES;
-    this.controls.target.fromArray(middle);
-    this.camera.position.fromArray(middle).addScaledVector(forward, -1.9 * radius).addScaledVector(up, 1.35 * radius);
+    this.controls.target.fromArray(target);
+    this.camera.position.fromArray(position);
+    this.#viewChanged();
+  }
+
+  /** The view, `[...position, ...target]`, or null as long as it is the first one. */
+  get view() {
+    return this.#touched ? [...this.camera.position.toArray(), ...this.controls.target.toArray()] : null;
+  }
+
+  set view(numbers) {
+    this.#touched = true;
+    this.camera.position.fromArray(numbers);
+    this.controls.target.fromArray(numbers, 3);
     this.#viewChanged();
   }
 
   /** Shows a newer map in the place of this one. */
   replaceMap(map) {
     const old = this.splats;
-    this.splats = new Splats(map, this.#run.byId);
+    this.splats = this.#splatsOf(map, this.#run.byId);
     for (const [name, uniform] of Object.entries(old.uniforms)) this.splats.uniforms[name].value = uniform.value;
-    this.#scene.remove(old.points);
-    this.#scene.add(this.splats.points);
-    old.dispose();
+    if (this.#isShown) this.splats.showObjects(this.#isShown);
+    this.#drawing.remove(old);
     this.extent = this.splats.extent();
     const { middle, radius } = this.#fitted;
     const moved = new Vector3(...middle).distanceTo(new Vector3(...this.extent.middle));
     const growth = Math.max(moved, this.extent.radius - radius) / radius;
-    if (!this.#touched && !this.#follow && growth > REFIT_GROWTH) this.#refit();
+    if (!this.#touched && !this.#follow && growth > REFIT_GROWTH) this.#fit();
     else this.#resize();
-  }
-
-  /** Shows the whole of a map that has grown, from the same direction. */
-  #refit() {
-    const { middle, radius } = this.extent;
-    const wider = radius / this.#fitted.radius;
-    const back = this.camera.position.clone().sub(this.controls.target).multiplyScalar(wider);
-    this.#fitted = this.extent;
-    this.controls.target.fromArray(middle);
-    this.camera.position.fromArray(middle).add(back);
-    this.#viewChanged();
   }
 
   /** Shows the camera's path as it is now. */
   updatePath() {
-    const { path } = this;
-    // The number of pieces is fixed in a geometry.
-    path.geometry.dispose();
-    path.geometry = new LineSegmentsGeometry().setPositions(this.#run.pathSteps());
+    setLines(this.path, this.#run.pathSteps());
     this.draw();
   }
 
@@ -176,7 +219,45 @@ export class MapView {
   /** The map as it is now, `after`, or `before` the changes. */
   showTime(time) {
     this.splats.showAdded(time === "after");
-    if (this.before) this.before.points.visible = time === "before";
+    if (this.before) this.#drawing.show(this.before, time === "before");
+    this.draw();
+  }
+
+  /** Takes the map of another run, which is shown in the place of this one's. */
+  setOther(run) {
+    if (this.other) this.#drawing.remove(this.other);
+    const min = run.map.min.map((value, axis) => value + run.origin[axis] - this.#run.origin[axis]);
+    this.other = this.#splatsOf({ ...run.map, min }, run.byId, new Set(), run.places());
+    const { selected, ...others } = this.splats.uniforms;
+    for (const [name, uniform] of Object.entries(others)) this.other.uniforms[name].value = uniform.value;
+  }
+
+  /** Shows the map of the other run, or this one's. */
+  showOther(wanted) {
+    this.#isOther = wanted && Boolean(this.other);
+    this.#drawing.show(this.splats, !this.#isOther);
+    if (this.other) this.#drawing.show(this.other, this.#isOther);
+    this.draw();
+  }
+
+  /** Shows the objects for which `isShown(id)` is true, and hides the others. */
+  showObjects(isShown) {
+    this.#isShown = isShown;
+    this.splats.showObjects(isShown);
+    this.draw();
+  }
+
+  /** Leaves out walls and ceilings that are seen from behind, or draws them. */
+  cutWalls(wanted) {
+    for (const splats of this.#allSplats()) splats.uniforms.cutWalls.value = Number(wanted);
+    this.draw();
+  }
+
+  /** Leaves out what is above a part of the map's height, from 0 to 1; at 1, nothing. */
+  cutAbove(part) {
+    const [low, high] = this.splats.heights(this.#run.up);
+    const ceiling = part < 1 ? low + part * (high - low) : 1e6;
+    for (const splats of this.#allSplats()) splats.uniforms.ceiling.value = ceiling;
     this.draw();
   }
 
@@ -188,7 +269,8 @@ export class MapView {
 
   /** Highlights an object, or none. */
   mark(id) {
-    for (const splats of this.#allSplats()) splats.uniforms.selected.value = id;
+    // Ids of another run are of other objects.
+    for (const splats of this.#allSplats()) splats.uniforms.selected.value = splats === this.other ? 0 : id;
     const box = id ? this.#boxOf(id) : null;
     this.box.visible = box !== null;
     if (box) this.box.matrix.copy(box);
@@ -207,6 +289,7 @@ export class MapView {
 
   #centerOn(box) {
     if (!box) return;
+    this.#touched = true;
     const middle = new Vector3().setFromMatrixPosition(box);
     const size = Math.max(...new Vector3().setFromMatrixScale(box).toArray(), 0.1);
     const back = this.camera.position.clone().sub(this.controls.target);
@@ -239,13 +322,12 @@ export class MapView {
   }
 
   #allSplats() {
-    return this.before ? [this.splats, this.before] : [this.splats];
+    return [this.splats, this.before, this.other].filter(Boolean);
   }
 
   /** The Gaussians at old places, and a box around each place; lines lead from old places to new ones. */
   #addChanges(changes) {
-    this.before.points.visible = false;
-    this.#scene.add(this.before.points);
+    this.#drawing.show(this.before, false);
     const places = { gone: [], new: [], moved: [] };
     for (const { kind, before, after } of changes) {
       const matrices = [before, after].flatMap((place) => (place ? [this.#matrixOf(place.box)] : []));
@@ -255,11 +337,7 @@ export class MapView {
       }
     }
     this.changes = Object.entries(places).map(([kind, positions]) => Object.assign(lines(positions, 0), { name: kind }));
-    for (const drawn of this.changes) {
-      drawn.frustumCulled = false;
-      drawn.renderOrder = 1;
-      this.#scene.add(drawn);
-    }
+    this.#scene.add(...this.changes);
   }
 
   #addLines() {
@@ -268,11 +346,7 @@ export class MapView {
     this.box = lines(unitBox(), 0xffffff);
     this.box.matrixAutoUpdate = false;
     this.box.visible = false;
-    for (const drawn of [this.path, this.frustum, this.box]) {
-      drawn.frustumCulled = false;
-      drawn.renderOrder = 1;
-      this.#scene.add(drawn);
-    }
+    this.#scene.add(this.path, this.frustum, this.box);
   }
 
   #listen(onPick) {
@@ -281,16 +355,20 @@ export class MapView {
     this.#canvas.addEventListener("pointerup", (event) => {
       const moved = pressed && Math.hypot(event.clientX - pressed.x, event.clientY - pressed.y);
       pressed = null;
-      if (moved !== null && moved <= CLICK_PIXELS && event.button === 0) onPick(this.#objectAt(event));
+      if (moved === null || moved > CLICK_PIXELS || event.button !== 0) return;
+      const hit = this.#hitAt(event);
+      if (!this.measure.isOn) onPick(this.#isOther ? 0 : (hit?.id ?? 0));
+      else if (hit) this.measure.add(hit.point);
     });
   }
 
-  #objectAt(event) {
+  #hitAt(event) {
     const { left, top, width, height } = this.#canvas.getBoundingClientRect();
     this.camera.updateMatrixWorld();
     const matrix = this.camera.projectionMatrix.clone().multiply(this.camera.matrixWorldInverse);
     const pixels = this.#pixelsPerMetre(height);
-    return this.splats.objectAt(matrix.elements, { x: event.clientX - left, y: event.clientY - top, width, height, pixels });
+    const view = { x: event.clientX - left, y: event.clientY - top, width, height, pixels };
+    return (this.#isOther ? this.other : this.splats).hitAt(matrix.elements, this.camera.position, view);
   }
 
   /** Size in pixels of one metre at a distance of one metre, in a view of this height. */
@@ -308,9 +386,11 @@ export class MapView {
     if (!width || !height) return;
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.setSize(width, height, false);
+    const { domElement } = this.renderer;
+    this.#drawing.setSize(domElement.width, domElement.height);
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
-    const pixels = this.#pixelsPerMetre(this.renderer.domElement.height);
+    const pixels = this.#pixelsPerMetre(domElement.height);
     for (const splats of this.#allSplats()) splats.uniforms.pixels.value = pixels;
     this.draw();
   }
@@ -321,38 +401,14 @@ export class MapView {
     this.renderer.setClearColor(ground);
     // The shader already writes sRGB.
     const { r, g, b } = ground.clone().convertLinearToSRGB();
-    for (const splats of this.#allSplats()) splats.uniforms.ground.value = new Vector3(r, g, b);
+    this.#drawing.setGround(new Vector3(r, g, b));
     for (const drawn of this.changes ?? []) drawn.material.color.setStyle(style.getPropertyValue(`--${drawn.name}`).trim());
-    this.box.material.color.setStyle(style.getPropertyValue("--ink").trim());
+    for (const drawn of [this.box, this.measure.lines]) drawn.material.color.setStyle(style.getPropertyValue("--ink").trim());
     this.draw();
   }
 }
 
-/** Lines that show through the map: a room's walls would otherwise hide a path inside it. */
-function lines(positions, color) {
-  const material = new LineMaterial({ color, linewidth: LINE_PIXELS, depthTest: false, transparent: true });
-  return new LineSegments2(new LineSegmentsGeometry().setPositions(positions), material);
-}
-
-/** The edges of the unit box after a transform. */
-function unitBoxOf(matrix) {
-  const edges = unitBox();
-  const corner = new Vector3();
-  for (let start = 0; start < edges.length; start += 3) corner.fromArray(edges, start).applyMatrix4(matrix).toArray(edges, start);
-  return edges;
-}
-
-/** The twelve edges of the box from -0.5 to 0.5. */
-function unitBox() {
-  const edges = [];
-  for (let axis = 0; axis < 3; axis++) {
-    for (const [u, v] of [[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]]) {
-      for (const along of [-0.5, 0.5]) {
-        const point = [0, 0, 0];
-        [point[axis], point[(axis + 1) % 3], point[(axis + 2) % 3]] = [along, u, v];
-        edges.push(...point);
-      }
-    }
-  }
-  return edges;
+/** A place that the first view shows from any side. */
+function shownFromAll(position) {
+  return { position, facing: [0, 0, 0] };
 }

@@ -12,8 +12,10 @@ export class ObjectInfo {
   #run;
   #actions;
   #place = document.getElementById("info");
+  #isolate = null;
+  #hide = null;
 
-  /** `actions`: `{ goTo(frame), center(id) }`; `center` is missing without a map. */
+  /** `actions`: `{ goTo(frame), center(id), isolate(), hide() }`; the last three are missing without a map. */
   constructor(run, actions) {
     this.#run = run;
     this.#actions = actions;
@@ -23,11 +25,8 @@ export class ObjectInfo {
   /** Shows an object; without one, explains how to select one. */
   show(id) {
     const object = this.#run.byId.get(id);
-    if (!object) {
-      const text = "No object is selected. Click one in the list, in the video or in the map.";
-      this.#place.replaceChildren(element("p", { textContent: text }));
-      return;
-    }
+    this.#place.hidden = !object;
+    if (!object) return this.#place.replaceChildren();
     const title = `Object ${object.id}${object.label ? `: ${object.label}` : ""}`;
     const heading = element("h2", {}, [swatch(object), title]);
     const crop = object.crop ? [cropOf(object, { className: "large", alt: `object ${object.id}` })] : [];
@@ -37,6 +36,12 @@ export class ObjectInfo {
     ]);
     this.#place.replaceChildren(heading, this.#buttons(object), ...crop, element("dl", {}, facts));
     this.#place.scrollTop = 0;
+  }
+
+  /** Shows whether the selected object is the only one in the map, and whether it is hidden there. */
+  showDrawn(isolated, hidden) {
+    this.#isolate?.setAttribute("aria-pressed", String(isolated));
+    this.#hide?.setAttribute("aria-pressed", String(hidden));
   }
 
   #facts(object) {
@@ -72,6 +77,9 @@ export class ObjectInfo {
     }
     if (object.gaussians && this.#actions.center) {
       buttons.push(button("Centre in map", () => this.#actions.center(object.id)));
+      this.#isolate = button("Isolate", () => this.#actions.isolate());
+      this.#hide = button("Hide", () => this.#actions.hide());
+      buttons.push(this.#isolate, this.#hide);
     }
     return element("div", { className: "actions" }, buttons);
   }

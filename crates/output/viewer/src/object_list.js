@@ -18,13 +18,17 @@ export class ObjectList {
   #rows = new Map();
   #ids = new Set();
   #selected = 0;
-  #onPick;
+  #actions;
 
-  /** `onPick` is called with the id of the chosen object. */
-  constructor(objects, onPick) {
-    this.#onPick = onPick;
+  /** `actions`: `pick(id)` chooses an object; `filter(isFound)` is called with a function that tells for an id whether it is found. */
+  constructor(objects, actions) {
+    this.#actions = actions;
     this.#add(objects);
-    this.#filter.addEventListener("input", () => this.#show());
+    this.#filter.addEventListener("input", () => {
+      this.#show();
+      const found = new Set(this.#objects.filter((object) => this.#isFound(object)).map(({ id }) => id));
+      actions.filter?.((id) => found.has(id));
+    });
     this.#present.addEventListener("change", () => this.#show());
     this.#order.addEventListener("change", () => this.#sort());
     this.#list.addEventListener("keydown", (event) => this.#move(event));
@@ -46,7 +50,7 @@ export class ObjectList {
     for (const object of objects) {
       const known = this.#rows.get(object.id);
       if (known) describe(known, object);
-      else this.#rows.set(object.id, row(object, this.#onPick));
+      else this.#rows.set(object.id, row(object, this.#actions.pick));
     }
   }
 
@@ -65,6 +69,11 @@ export class ObjectList {
     this.#button(id)?.scrollIntoView({ block: "nearest" });
   }
 
+  /** Strikes out the objects that the map does not show. */
+  showDrawn(isShown) {
+    for (const [id, row] of this.#rows) row.classList.toggle("off", !isShown(id));
+  }
+
   #button(id) {
     return this.#rows.get(id)?.firstChild;
   }
@@ -77,11 +86,17 @@ export class ObjectList {
     if (!isSame) this.#list.replaceChildren(...rows);
   }
 
-  #show() {
+  /** True if the text that is looked for fits an object. */
+  #isFound({ id, label }) {
     const wanted = this.#filter.value.trim().replace(/^#/, "").toLowerCase();
+    return String(id).startsWith(wanted) || (label ?? "").toLowerCase().includes(wanted);
+  }
+
+  #show() {
     let shown = 0;
-    for (const { id, label } of this.#objects) {
-      const found = String(id).startsWith(wanted) || (label ?? "").toLowerCase().includes(wanted);
+    for (const object of this.#objects) {
+      const { id } = object;
+      const found = this.#isFound(object);
       const here = this.#ids.has(id);
       // The selected object stays in the list while the video moves on.
       const visible = found && (here || !this.#present.checked || id === this.#selected);
@@ -104,13 +119,11 @@ export class ObjectList {
 }
 
 function row(object, onPick) {
-  const picture = object.crop ? [cropOf(object, { className: "crop", alt: "", loading: "lazy" })] : [];
   const button = element("button", { type: "button" }, [
     swatch(object),
-    ...picture,
     element("span", { className: "id", textContent: `#${object.id}` }),
     element("span", { className: "label" }),
-    element("span", { className: "count" }),
+    element("span", { className: "count", title: "frames that show it" }),
   ]);
   button.dataset.object = object.id;
   button.setAttribute("aria-pressed", "false");
@@ -120,8 +133,12 @@ function row(object, onPick) {
   return made;
 }
 
-/** Writes an object's label and number of frames into its row. */
+/** Writes an object's label, number of frames and crop into its row. */
 function describe(row, object) {
+  const crop = row.querySelector(".crop");
+  if (crop && object.crop) crop.src = object.crop;
+  if (!crop && object.crop) row.querySelector(".swatch").after(cropOf(object, { className: "crop", alt: "", loading: "lazy" }));
   row.querySelector(".label").textContent = object.label ?? "";
-  row.querySelector(".count").textContent = counted(object.frames, "frame");
+  const [number, noun] = counted(object.frames, "frame").split(" ");
+  row.querySelector(".count").replaceChildren(number, element("span", { className: "aside", textContent: ` ${noun}` }));
 }

@@ -1,13 +1,19 @@
-// The frame's overlay, with the selected object highlighted.
+// The frame's picture under its overlay, with the selected object highlighted.
 
 import { byElementId } from "./element.js";
+import { drawOverlay } from "./overlay.js";
 
 /** Colours of the pixels outside the selected object and of its border: red, green, blue, opacity. */
 const DIMMED = [0, 0, 0, 150];
 const BORDER = [255, 255, 255, 255];
 
 export class Picture {
+  #plain = byElementId("plain");
   #image = byElementId("picture");
+  /** The overlay of a frame that comes without one. */
+  #drawn = byElementId("drawn");
+  #overlay = byElementId("overlay");
+  #opacity = byElementId("opacity");
   #marks = byElementId("marks");
   #box = byElementId("frame-picture");
   #tag = byElementId("tag");
@@ -33,17 +39,55 @@ export class Picture {
       this.#pointer = null;
       this.#showTag();
     });
+    for (const control of [this.#overlay, this.#opacity]) control.addEventListener("input", () => this.#showOverlay());
+    this.#plain.addEventListener("error", () => {
+      this.#plain.hidden = true;
+      this.#showOverlay();
+    });
     this.#image.addEventListener("error", () => actions.onError(`${this.#frame?.url} cannot be shown`));
   }
 
-  /** Shows a frame: `{ camera, url, text, ids() }`. Resolves when its ids, `{ width, height, ids }`, are loaded. */
+  /** Opacity of the overlay, percent. */
+  get opacity() {
+    return this.#overlay.checked ? Number(this.#opacity.value) : 0;
+  }
+
+  set opacity(percent) {
+    this.#overlay.checked = percent > 0;
+    if (percent > 0) this.#opacity.value = String(percent);
+    this.#showOverlay();
+  }
+
+  /** Shows the picture without its overlay, or with it again. */
+  toggleOverlay() {
+    this.#overlay.checked = !this.#overlay.checked;
+    this.#showOverlay();
+  }
+
+  #showOverlay() {
+    // Without the picture below, there would be nothing to see.
+    for (const overlay of [this.#image, this.#drawn]) overlay.style.opacity = this.#plain.hidden ? "" : String(this.opacity / 100);
+    this.#opacity.disabled = !this.#overlay.checked;
+    this.#actions.onOpacity?.();
+  }
+
+  /**
+   * Shows a frame: `{ camera, url, plain, text, ids(), colorOf(id) }`, `url` and `plain` with and without overlay. Without
+   * `url`, the overlay is drawn, in the colours of `colorOf`. Resolves when its ids,
+   * `{ width, height, ids }`, are loaded.
+   */
   async show(frame) {
     const { camera } = frame;
     this.#box.style.aspectRatio = `${camera.width} / ${camera.height}`;
     this.#box.style.maxWidth = `calc(var(--picture-height) * ${camera.width / camera.height})`;
     this.#frame = frame;
-    this.#image.src = frame.url;
-    this.#image.alt = frame.text;
+    this.#image.hidden = !frame.url;
+    this.#drawn.hidden = Boolean(frame.url);
+    if (frame.url) this.#image.src = frame.url;
+    this.#plain.hidden = false;
+    this.#plain.src = frame.plain;
+    this.#showOverlay();
+    (frame.url ? this.#image : this.#plain).alt = frame.text;
     try {
       const ids = await frame.ids();
       if (frame !== this.#frame) return;
@@ -53,6 +97,7 @@ export class Picture {
       this.#ids = null;
       this.#actions.onError(error.message);
     }
+    if (!frame.url && this.#ids) drawOverlay(this.#drawn, this.#ids, frame.colorOf);
     this.#draw();
     this.#showTag();
     this.#actions.onIds(new Set(this.#ids?.ids));
@@ -60,9 +105,8 @@ export class Picture {
 
   /** Loads a frame's picture. Resolves when it is loaded or has failed to load. */
   async preload(frame) {
-    const image = new Image();
-    image.src = frame.url;
-    await Promise.allSettled([image.decode(), frame.ids()]);
+    const images = [frame.url, ...(this.opacity < 100 ? [frame.plain] : [])].map((src) => Object.assign(new Image(), { src }));
+    await Promise.allSettled([...images.map((image) => image.decode()), frame.ids()]);
   }
 
   /** Highlights an object, or none. */

@@ -11,6 +11,8 @@ export class Run {
     this.version = data.version;
     this.framesPerChunk = data.frames_per_chunk;
     this.names = data.frames;
+    /** Timestamps of the frames, seconds; null where a frame has none. */
+    this.stamps = data.stamps ?? null;
     this.remapped = data.remapped ?? [];
     this.cameras = data.cameras;
     this.up = data.up;
@@ -47,6 +49,11 @@ export class Run {
       steps.push(...this.poseOf(frame - 1).position, ...this.poseOf(frame).position);
     }
     return steps;
+  }
+
+  /** Places of the camera in all frames, `[x, y, z]`. */
+  places() {
+    return this.names.map((_, frame) => Array.from(this.poseOf(frame).position));
   }
 
   /** Rotations of the camera in all frames. */

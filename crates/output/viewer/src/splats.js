@@ -1,75 +1,58 @@
-// Draws the Gaussians of the map as round points with their sizes.
+// The Gaussians of the map: their data, what hides them, and which one is at a pixel.
 
-import { BufferAttribute, BufferGeometry, Points, ShaderMaterial } from "three";
+import { BufferAttribute, BufferGeometry } from "three";
 import { bytesOf, idsOf, wordsOf } from "./bytes.js";
+import { facingOf } from "./facing.js";
 
-/** Drawn radius of a Gaussian, in standard deviations; neighbours then form a closed surface. */
-const RADIUS_IN_SIGMA = 1.7;
+/** Drawn radius of a Gaussian, in standard deviations. */
+export const RADIUS_IN_SIGMA = 2.2;
+/** Part of the drawn radius within which a Gaussian hides what is behind it; neighbours then form a closed surface. */
+export const OPAQUE_PART = 0.8;
+/** Gaussians this far behind the nearest one are blended with it, in drawn radii. */
+export const BLENDED_RADII = 1.5;
 /** Minimum width of a point, pixels, so that none vanishes. */
-const MIN_PIXELS = 1.5;
-/** Number of sampled points that determine the map's centre and extent. */
-const MAX_SAMPLES = 10000;
+export const MIN_PIXELS = 1.5;
+/** Number of sampled points that determine the map's centre, extent and first view. */
+const MAX_SAMPLES = 4000;
 /** Colour of Gaussians without an object. */
 const NO_OBJECT = [128, 128, 128];
 
-const VERTEX = `
-  uniform float pixels; // of an extent of one metre at a distance of one metre
-  uniform float selected;
-  uniform float trueColors;
-  uniform float showAdded;
-  uniform vec3 ground;
-  attribute float radius;
-  attribute float object;
-  attribute float added;
-  attribute vec3 objectColor;
-  attribute vec3 trueColor;
-  varying vec3 tint;
-  void main() {
-    vec4 seen = modelViewMatrix * vec4(position, 1.0);
-    gl_Position = projectionMatrix * seen;
-    if (added > showAdded) gl_Position = vec4(0.0, 0.0, 2.0, 1.0); // outside of the view
-    gl_PointSize = clamp(2.0 * radius * pixels / max(-seen.z, 1e-3), ${MIN_PIXELS.toFixed(1)}, 400.0);
-    tint = mix(objectColor, trueColor, trueColors);
-    if (selected > 0.0 && object != selected) tint = mix(vec3(dot(tint, vec3(0.3, 0.6, 0.1))), ground, 0.72);
-  }`;
-const FRAGMENT = `
-  varying vec3 tint;
-  void main() {
-    vec2 place = 2.0 * gl_PointCoord - 1.0;
-    float distance2 = dot(place, place);
-    if (distance2 > 1.0) discard;
-    gl_FragColor = vec4(tint * (1.0 - 0.12 * distance2), 1.0);
-  }`;
-
 export class Splats {
-  /** `map` is the run's map, `byId` its objects; those of the set `added` can be hidden. */
-  constructor(map, byId, added = new Set()) {
+  /** `map` is the run's map, `byId` its objects; those of the set `added` can be hidden. `places` are the camera's. */
+  constructor(map, byId, places, added = new Set()) {
     this.count = map.count;
     this.positions = positionsOf(map);
     this.radii = Float32Array.from(wordsOf(map.radii), (part) => (part / 65535) * map.max_radius * RADIUS_IN_SIGMA);
     this.ids = idsOf(map.ids);
     this.added = Uint8Array.from(this.ids, (id) => Number(added.has(id)));
-    const objectColors = new Uint8Array(3 * this.count);
-    this.ids.forEach((id, index) => objectColors.set(byId.get(id)?.color ?? NO_OBJECT, 3 * index));
-    const geometry = new BufferGeometry();
-    geometry.setAttribute("position", new BufferAttribute(this.positions, 3));
-    geometry.setAttribute("radius", new BufferAttribute(this.radii, 1));
-    geometry.setAttribute("object", new BufferAttribute(Float32Array.from(this.ids), 1));
-    geometry.setAttribute("added", new BufferAttribute(this.added, 1));
-    geometry.setAttribute("objectColor", new BufferAttribute(objectColors, 3, true));
-    geometry.setAttribute("trueColor", new BufferAttribute(bytesOf(map.colors), 3, true));
+    this.facing = facingOf(this.positions, places);
+    this.shown = new Uint8Array(this.count).fill(1);
+    this.colors = bytesOf(map.colors);
+    this.objectColors = new Uint8Array(3 * this.count);
+    this.ids.forEach((id, index) => this.objectColors.set(byId.get(id)?.color ?? NO_OBJECT, 3 * index));
+    this.geometry = this.#geometry();
+    /** What the shaders are told. `ceiling` is the height above which nothing is drawn, along `up`. */
     this.uniforms = {
       pixels: { value: 1 }, selected: { value: 0 }, trueColors: { value: 0 }, showAdded: { value: 1 }, ground: { value: null },
+      cutWalls: { value: 1 }, ceiling: { value: 1e6 }, up: { value: null },
     };
-    const material = new ShaderMaterial({ uniforms: this.uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT });
-    this.points = new Points(geometry, material);
-    this.points.frustumCulled = false;
+  }
+
+  #geometry() {
+    const geometry = new BufferGeometry();
+    const attributes = {
+      position: [this.positions, 3], radius: [this.radii, 1], object: [Float32Array.from(this.ids), 1], added: [this.added, 1],
+      shown: [this.shown, 1], facing: [this.facing, 3],
+    };
+    for (const [name, [values, size]] of Object.entries(attributes)) geometry.setAttribute(name, new BufferAttribute(values, size));
+    geometry.setAttribute("objectColor", new BufferAttribute(this.objectColors, 3, true));
+    geometry.setAttribute("trueColor", new BufferAttribute(this.colors, 3, true));
+    return geometry;
   }
 
   /** Releases the memory of the GPU. */
   dispose() {
-    this.points.geometry.dispose();
-    this.points.material.dispose();
+    this.geometry.dispose();
   }
 
   /** Shows or hides the added objects. */
@@ -77,35 +60,92 @@ export class Splats {
     this.uniforms.showAdded.value = Number(wanted);
   }
 
+  /** Shows the objects for which `isShown(id)` is true, and hides the others. */
+  showObjects(isShown) {
+    const known = new Map();
+    this.ids.forEach((id, index) => {
+      if (!known.has(id)) known.set(id, Number(isShown(id)));
+      this.shown[index] = known.get(id);
+    });
+    this.geometry.getAttribute("shown").needsUpdate = true;
+  }
+
+  /** True if a Gaussian is not drawn for an eye at this place; the shader decides in the same way. */
+  isHidden(index, eye) {
+    const { uniforms, positions, facing } = this;
+    if (!this.shown[index] || this.added[index] > uniforms.showAdded.value) return true;
+    const at = 3 * index;
+    const up = uniforms.up.value;
+    if (up.x * positions[at] + up.y * positions[at + 1] + up.z * positions[at + 2] > uniforms.ceiling.value) return true;
+    if (!uniforms.cutWalls.value || (uniforms.selected.value && this.ids[index] === uniforms.selected.value)) return false;
+    return facing[at] * (eye.x - positions[at]) + facing[at + 1] * (eye.y - positions[at + 1]) + facing[at + 2] * (eye.z - positions[at + 2]) < 0;
+  }
+
+  /** Standard deviation of a Gaussian, metres. */
+  sigmaOf(index) {
+    return this.radii[index] / RADIUS_IN_SIGMA;
+  }
+
   /**
-   * The object of the nearest Gaussian that covers a pixel, as the shader draws them; 0 for none.
-   * `matrix` is from world to clip space (16 numbers, column-major), `x` and `y` are pixels from the top left of a
-   * view of `width` × `height` pixels, `pixels` is as in the shader, but in these pixels.
+   * What is drawn at a pixel: `{ id, point }`, an object and a place `[x, y, z]`, or null. `matrix` is from world to clip
+   * space (16 numbers, column-major), `eye` the camera's place; `x` and `y` are pixels from the top left of a view of
+   * `width` × `height` pixels, `pixels` is as in the shader, but in these pixels.
    */
-  objectAt(matrix, { x, y, width, height, pixels }) {
-    let nearest = { depth: Infinity, id: 0 };
-    const m = matrix;
+  hitAt(matrix, eye, view) {
+    const covering = this.#covering(matrix, eye, view);
+    const opaque = covering.filter(({ distance2 }) => distance2 <= OPAQUE_PART ** 2);
+    if (opaque.length === 0) return null;
+    const nearest = opaque.reduce((one, other) => (other.depth < one.depth ? other : one));
+    const end = nearest.depth + BLENDED_RADII * this.radii[nearest.index];
+    const weights = new Map();
+    for (const { index, depth, distance2 } of covering) {
+      if (depth > end) continue;
+      const weight = Math.exp(-0.5 * RADIUS_IN_SIGMA ** 2 * distance2);
+      weights.set(this.ids[index], (weights.get(this.ids[index]) ?? 0) + weight);
+    }
+    const [[id]] = [...weights].sort((one, other) => other[1] - one[1]);
+    return { id, point: Array.from(this.positions.subarray(3 * nearest.index, 3 * nearest.index + 3)) };
+  }
+
+  /** The Gaussians that cover a pixel: index, depth, and squared distance to the middle in drawn radii. */
+  #covering(m, eye, { x, y, width, height, pixels }) {
+    const found = [];
     for (let index = 0; index < this.count; index++) {
-      if (this.added[index] > this.uniforms.showAdded.value) continue;
       const [px, py, pz] = [this.positions[3 * index], this.positions[3 * index + 1], this.positions[3 * index + 2]];
       const depth = m[3] * px + m[7] * py + m[11] * pz + m[15];
-      if (depth < 0.02 || depth >= nearest.depth) continue;
+      if (depth < 0.02) continue;
+      const radius = Math.max((this.radii[index] * pixels) / depth, MIN_PIXELS);
       const dx = ((m[0] * px + m[4] * py + m[8] * pz + m[12]) / depth + 1) * 0.5 * width - x;
       const dy = (1 - (m[1] * px + m[5] * py + m[9] * pz + m[13]) / depth) * 0.5 * height - y;
-      const radius = Math.max((this.radii[index] * pixels) / depth, MIN_PIXELS);
-      if (dx * dx + dy * dy <= radius * radius) nearest = { depth, id: this.ids[index] };
+      const distance2 = (dx * dx + dy * dy) / (radius * radius);
+      if (distance2 <= 1 && !this.isHidden(index, eye)) found.push({ index, depth, distance2 });
     }
-    return nearest.id;
+    return found;
+  }
+
+  /** Evenly spread points: `{ position, facing }`. */
+  samples() {
+    const samples = Math.min(this.count, MAX_SAMPLES);
+    return Array.from({ length: samples }, (_, sample) => {
+      const at = 3 * Math.floor((sample * this.count) / samples);
+      return { position: this.positions.subarray(at, at + 3), facing: this.facing.subarray(at, at + 3) };
+    });
   }
 
   /** Centre of the map, and the radius that contains most of it, metres. */
   extent() {
-    const samples = Math.min(this.count, MAX_SAMPLES);
-    const sample = (index, axis) => this.positions[3 * Math.floor((index * this.count) / samples) + axis];
-    const sorted = (value) => Float32Array.from({ length: samples }, (_, index) => value(index)).sort();
-    const middle = [0, 1, 2].map((axis) => sorted((index) => sample(index, axis))[samples >> 1]);
-    const distance = (index) => Math.hypot(...middle.map((value, axis) => sample(index, axis) - value));
-    return { middle, radius: Math.max(sorted(distance)[Math.floor(0.9 * (samples - 1))], 0.05) };
+    const samples = this.samples().map(({ position }) => position);
+    const sorted = (value) => Float32Array.from(samples, value).sort();
+    const middle = [0, 1, 2].map((axis) => sorted((position) => position[axis])[samples.length >> 1]);
+    const distances = sorted((position) => Math.hypot(...middle.map((value, axis) => position[axis] - value)));
+    return { middle, radius: Math.max(distances[Math.floor(0.9 * (samples.length - 1))], 0.05) };
+  }
+
+  /** Least and greatest height along `up`, metres; a few strays may be beyond. */
+  heights(up) {
+    const heights = this.samples().map(({ position }) => position[0] * up[0] + position[1] * up[1] + position[2] * up[2]);
+    const sorted = Float32Array.from(heights).sort();
+    return [sorted[Math.floor(0.005 * (sorted.length - 1))], sorted[Math.ceil(0.995 * (sorted.length - 1))]];
   }
 }
 

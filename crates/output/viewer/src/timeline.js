@@ -1,57 +1,64 @@
-// The slider, the play button, and the frames in which the selected object is seen.
+// Playback: the play button, its speed, the slider, and keys that move the frame.
 
-/** Interval between frames, milliseconds. */
-const INTERVAL_MS = 100;
 const FRAMES_PER_JUMP = 10;
+/** Pause between two looks at the clock, milliseconds. */
+const PAUSE_MS = 10;
+/** Keys that are typed into these, or move their choice. */
+const TAKES_KEYS = "input[type=search], select, dialog";
 
 export class Timeline {
   #run;
+  #clock;
   #actions;
   #slider = document.getElementById("slider");
   #button = document.getElementById("play");
-  #presence = document.getElementById("presence");
-  #object = null;
+  #speed = document.getElementById("speed");
   #playing = false;
   frame = 0;
 
-  /** `actions`: `{ show(frame), preload(frame), clear() }`. */
-  constructor(run, actions) {
+  /** `actions`: `{ show(frame), preload(frame) }`. */
+  constructor(run, clock, actions) {
     this.#run = run;
+    this.#clock = clock;
     this.#actions = actions;
     this.#slider.max = String(Math.max(0, run.frameCount - 1));
     this.#slider.addEventListener("input", () => actions.show(Number(this.#slider.value)));
     this.#button.addEventListener("click", () => (this.#playing ? this.pause() : this.play()));
     document.addEventListener("keydown", (event) => this.#key(event));
-    new ResizeObserver(() => this.#draw()).observe(this.#presence);
   }
 
   /** Sets the shown frame. */
   showFrame(frame) {
     this.frame = frame;
     const name = this.#run.names[frame];
+    const time = this.#clock.textOf(frame);
     this.#slider.value = String(frame);
-    this.#slider.setAttribute("aria-valuetext", name);
+    this.#slider.setAttribute("aria-valuetext", time ? `${name}, ${time}` : name);
     const output = document.getElementById("frame");
-    output.textContent = `${frame + 1} / ${this.#run.frameCount} · ${name}`;
-    output.title = name;
+    output.textContent = [`${frame + 1} / ${this.#run.frameCount}`, name, ...(time ? [time] : [])].join(" · ");
+    output.title = output.textContent;
   }
 
-  /** Shows in which frames an object is seen; `null` for none. */
-  mark(object) {
-    this.#object = object;
-    this.#draw();
-  }
-
-  /** Plays from this frame, or from the first if it is the last, until the end. */
+  /**
+   * Plays from this frame, or from the first if it is the last, until the end. Frames that cannot be loaded and drawn in
+   * time are left out.
+   */
   async play() {
     this.#setPlaying(true);
     if (this.frame + 1 >= this.#run.frameCount) this.#actions.show(0);
+    let [shown, start, from, speed] = [this.frame, performance.now(), this.#clock.secondsOf(this.frame), this.#speed.value];
     while (this.#playing && this.frame + 1 < this.#run.frameCount) {
-      const next = this.frame + 1;
-      const pause = new Promise((resolve) => setTimeout(resolve, INTERVAL_MS));
-      await Promise.all([pause, this.#actions.preload(next)]);
-      // The user may have stopped playback or moved the slider in the meantime.
-      if (this.#playing && this.frame + 1 === next) this.#actions.show(next);
+      await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
+      // The user may have moved the slider or changed the speed in the meantime.
+      if (this.frame !== shown || this.#speed.value !== speed) {
+        [shown, start, from, speed] = [this.frame, performance.now(), this.#clock.secondsOf(this.frame), this.#speed.value];
+      }
+      const next = this.#clock.frameAt(from + ((performance.now() - start) / 1000) * Number(speed));
+      if (next === shown) continue;
+      await this.#actions.preload(next);
+      if (!this.#playing || this.frame !== shown) continue;
+      shown = next;
+      this.#actions.show(next);
     }
     this.#setPlaying(false);
   }
@@ -68,14 +75,13 @@ export class Timeline {
 
   #key(event) {
     if (event.altKey || event.ctrlKey || event.metaKey) return;
-    if (event.key === "Escape") return this.#actions.clear();
-    const isIn = (elements) => event.target.closest(elements) !== null;
-    if (isIn("input[type=search], select")) return;
-    if (event.key === " " && !isIn("button, input[type=checkbox]")) {
+    const isIn = (elements) => event.target.closest?.(elements);
+    if (isIn(TAKES_KEYS)) return;
+    if (event.key === " " && !isIn("button, summary, input[type=checkbox]")) {
       event.preventDefault();
       return this.#playing ? this.pause() : this.play();
     }
-    // The slider handles arrow keys itself.
+    // Sliders handle arrow keys themselves.
     if (isIn("input[type=range]")) return;
     const step = event.shiftKey ? FRAMES_PER_JUMP : 1;
     const to = {
@@ -84,20 +90,5 @@ export class Timeline {
     if (to === undefined) return;
     event.preventDefault();
     this.#actions.show(Math.max(0, Math.min(to, this.#run.frameCount - 1)));
-  }
-
-  #draw() {
-    const width = Math.max(1, Math.round(this.#presence.clientWidth * devicePixelRatio));
-    this.#presence.width = width;
-    const context = this.#presence.getContext("2d");
-    if (!this.#object) return;
-    // The slider's thumb is 16 pixels wide: its centre does not reach the ends.
-    const margin = 8 * devicePixelRatio;
-    const perFrame = (width - 2 * margin) / Math.max(1, this.#run.frameCount - 1);
-    context.fillStyle = `rgb(${this.#object.color.join(" ")})`;
-    for (const [first, last] of this.#object.seen) {
-      const length = Math.max((last - first + 1) * perFrame, devicePixelRatio);
-      context.fillRect(margin + (first - 0.5) * perFrame, 0, length, this.#presence.height);
-    }
   }
 }

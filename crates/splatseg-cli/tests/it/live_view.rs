@@ -1,5 +1,6 @@
 //! `splatseg live --view`: the page, Foxglove, and who may connect.
 
+use crate::browser::Browser;
 use crate::support::{finish, splatseg, stoppable_splatseg};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -28,8 +29,13 @@ struct Live {
 
 impl Live {
     fn start() -> Self {
+        Self::play("0.02")
+    }
+
+    /// Plays the recording at this speed.
+    fn play(speed: &str) -> Self {
         let mut command = stoppable_splatseg();
-        command.arg("live").arg(recording()).args(["--view=127.0.0.1:0", "--speed", "0.02", "--threads", "2"]);
+        command.arg("live").arg(recording()).args(["--view=127.0.0.1:0", "--speed", speed, "--threads", "2"]);
         let mut child =
             command.args(["--world-frame", "map"]).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
@@ -98,6 +104,26 @@ fn the_page_shows_frames_the_map_and_objects() {
         }
         socket.send(Message::text("shown")).unwrap();
     }
+}
+
+#[test]
+fn the_page_in_a_browser_says_where_poses_come_from_and_when_the_session_ends() {
+    let test = "the_page_in_a_browser_says_where_poses_come_from_and_when_the_session_ends";
+    let Some(mut browser) = Browser::start(test, 1000, 720) else { return };
+    let live = Live::play("0.1");
+    browser.open_url(&format!("http://{}/?token={}", live.address, live.token));
+    let says = |text: &str| format!("document.getElementById('live')?.textContent.includes('{text}') ?? false");
+    browser.wait_for(&says("poses given"));
+    browser.wait_for("document.querySelector('#list .crop')?.naturalWidth > 0");
+    // The page draws the overlay itself, so that it can be left out.
+    let is_drawn = "(() => { const canvas = document.getElementById('drawn'); if (canvas.hidden || !canvas.width) return false; \
+        return canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value > 0); })()";
+    browser.wait_for(is_drawn);
+    browser.press("o");
+    assert_eq!(browser.value("document.getElementById('drawn').style.opacity"), "0");
+    browser.wait_for(&says("the session has ended"));
+    assert_eq!(browser.value("document.documentElement.dataset.state"), "ended");
+    assert_eq!(browser.errors, [] as [String; 0]);
 }
 
 #[test]

@@ -52,7 +52,7 @@ pub fn frame(number: usize, width: usize, height: usize) -> ViewFrame {
             height,
         },
         objects: vec![ViewObject { id: 7, label: Some("mug".to_owned()), oriented_box: None, frames: number + 1 }],
-        status: ViewStatus { dropped: 3, delay: None, lines: vec!["a warning".to_owned()] },
+        status: ViewStatus { dropped: 3, is_pose_given: number == 5, delay: None, lines: vec!["a warning".to_owned()] },
     }
 }
 

@@ -1,6 +1,6 @@
 //! The messages of the page, as its script reads them.
 
-use crate::client::{WebSocket, frame, pose_at, start, wait_until};
+use crate::client::{CLOSE, WebSocket, frame, pose_at, start, wait_until};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
@@ -65,6 +65,7 @@ fn a_frame_arrives_with_picture_ids_and_pose() {
     assert_eq!(header["name"], "frame 5");
     assert_eq!(header["time"], 0.5);
     assert_eq!(header["pose"], json!([1.0, 2.0, 3.0, 0.0, 0.0, 0.0, 1.0]));
+    assert_eq!(header["pose_state"], "given");
     assert_eq!((&header["dropped"], &header["lines"]), (&json!(3), &json!(["a warning"])));
     let (jpeg, coded) = rest.split_at(number(&header["jpeg"]));
     let picture = image::load_from_memory(jpeg).unwrap();
@@ -88,14 +89,14 @@ fn large_frames_are_reduced() {
     let mut page = watched(&server);
     server.publish_frame(None, || frame(0, 1280, 720));
     let (header, rest) = page.page_message("frame").unwrap();
-    assert_eq!(header["pose"], Value::Null, "the camera is lost");
+    assert_eq!((&header["pose"], &header["pose_state"]), (&Value::Null, &json!("lost")));
     let (jpeg, coded) = rest.split_at(number(&header["jpeg"]));
     let picture = image::load_from_memory(jpeg).unwrap();
     assert_eq!((picture.width(), picture.height()), (640, 360));
     let (width, height) = (number(&header["width"]), number(&header["height"]));
-    assert_eq!((width, height), (320, 180));
+    assert_eq!((width, height), (640, 360));
     let ids = ids(coded, width, height);
-    assert!(ids.chunks(width).all(|row| row[..80].iter().all(|id| *id == 7) && row[80..].iter().all(|id| *id == 0)));
+    assert!(ids.chunks(width).all(|row| row[..160].iter().all(|id| *id == 7) && row[160..].iter().all(|id| *id == 0)));
 }
 
 #[test]
@@ -180,4 +181,16 @@ fn notes_come_without_frames() {
     wait_until("the note comes", || {
         page.page_message("status").unwrap().0["notes"] == serde_json::json!(["the map is not saved"])
     });
+}
+
+#[test]
+fn the_end_of_the_session_is_told() {
+    let server = start(ViewLimits::default());
+    let mut page = watched(&server);
+    server.publish_frame(None, || frame(5, 32, 24));
+    page.page_message("frame").unwrap();
+    drop(server);
+    let farewell = std::iter::from_fn(|| page.receive()).find(|(kind, _)| *kind == CLOSE).unwrap().1;
+    // The code of a normal end (RFC 6455, section 7.4.1): the page does not try to connect again.
+    assert_eq!(farewell[..2], 1000_u16.to_be_bytes());
 }

@@ -72,7 +72,18 @@ impl Browser {
     /// Opens a file. `hash` may be empty.
     pub fn open(&mut self, file: &Path, hash: &str) {
         let path = file.to_str().unwrap().replace('%', "%25").replace(' ', "%20").replace('#', "%23");
-        self.call("Page.navigate", json!({ "url": format!("file://{path}{hash}") }));
+        self.open_url(&format!("file://{path}{hash}"));
+    }
+
+    /// Opens an address.
+    pub fn open_url(&mut self, url: &str) {
+        self.call("Page.navigate", json!({ "url": url }));
+    }
+
+    /// Shows pages as for someone who prefers `dark` or `light` ones.
+    pub fn prefer_scheme(&mut self, scheme: &str) {
+        let features = json!([{ "name": "prefers-color-scheme", "value": scheme }]);
+        self.call("Emulation.setEmulatedMedia", json!({ "features": features }));
     }
 
     /// Evaluates a JavaScript expression. For a promise, returns its resolved value.

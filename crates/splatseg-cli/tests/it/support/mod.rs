@@ -63,7 +63,8 @@ pub fn stoppable_splatseg() -> std::process::Command {
 /// Names of what a complete run writes, and `more`, sorted.
 pub fn result_files(more: &[&str]) -> Vec<String> {
     let always = ["index.html", "manifest.jsonl", "objects", "objects.csv", "objects.json", "overlay", "poses.txt"];
-    let names = always.into_iter().chain(["segments", "summary.json", "viewer"]).chain(more.iter().copied());
+    let names =
+        always.into_iter().chain(["pictures", "segments", "summary.json", "viewer"]).chain(more.iter().copied());
     let mut names: Vec<String> = names.map(str::to_owned).collect();
     names.sort();
     names
