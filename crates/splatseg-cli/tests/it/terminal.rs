@@ -167,5 +167,6 @@ fn settings_are_printed_as_json() {
     assert_eq!(votes["default"], "4");
     assert!(votes["help"].as_str().unwrap().contains("votes"), "{votes}");
     let one = finish(splatseg().args(["settings", "memory.max_votes", "--json"]));
-    assert_eq!(serde_json::from_str::<Vec<serde_json::Value>>(&one.out).unwrap(), [votes.clone()]);
+    let one: Vec<serde_json::Value> = serde_json::from_str(&one.out).unwrap();
+    assert_eq!(one.as_slice(), std::slice::from_ref(votes));
 }

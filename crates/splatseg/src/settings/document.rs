@@ -41,7 +41,7 @@ impl DescribedSetting {
         let key = entry.field.key();
         Self {
             default: entry.field.default.clone(),
-            paper_default: MethodPreset::Paper.default_of(&key).map(|value| value.to_string()),
+            paper_default: MethodPreset::Paper.default_of(&key),
             allowed: allowed(entry),
             used_with: entry.needs.iter().map(ToString::to_string).collect(),
             help: entry.field.help.clone(),
