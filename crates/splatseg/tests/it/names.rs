@@ -29,7 +29,7 @@ fn run(pipeline: &mut Pipeline, settings: &Settings) {
 }
 
 fn labels(pipeline: &Pipeline) -> BTreeMap<u32, Option<String>> {
-    pipeline.object_list().objects.into_iter().map(|object| (object.id, object.label)).collect()
+    pipeline.object_list().all().map(|object| (object.id, object.label.clone())).collect()
 }
 
 #[test]
