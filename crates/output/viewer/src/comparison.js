@@ -1,6 +1,6 @@
 // The map of another run in the place of this one's, to compare them.
 
-import { byElementId, counted, note } from "./element.js";
+import { byElementId, counted, counts, note } from "./element.js";
 import { Run } from "./run.js";
 
 /** What a run's file begins and ends with. */
@@ -18,7 +18,7 @@ export function listenToComparison(mapOf) {
     try {
       const other = runOf(await file.files[0].text());
       mapOf().setOther(other);
-      choice.lastElementChild.textContent = `${other.scene}: ${counted(other.objects.length, "object")}, ${counted(other.map.total, "Gaussian")}`;
+      choice.lastElementChild.textContent = `${other.scene}: ${counted(other.objects.filter(counts).length, "object")}, ${counted(other.map.total, "Gaussian")}`;
       choice.hidden = false;
       choice.value = "other";
       show();

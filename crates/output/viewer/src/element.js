@@ -34,6 +34,9 @@ export function cropOf(object, properties) {
   return image;
 }
 
+/** True if an object counts: it is remembered, or the method has no memory (docs/OBJECTS.md). */
+export const counts = ({ state }) => !state || state === "remembered";
+
 /** A count with its noun, in the singular or plural. */
 export function counted(count, noun) {
   return `${count.toLocaleString("en")} ${noun}${count === 1 ? "" : "s"}`;

@@ -4,7 +4,7 @@ import { ChangeList } from "./change_list.js";
 import { Clock } from "./clock.js";
 import { listenToComparison } from "./comparison.js";
 import { listenToDownloads } from "./downloads.js";
-import { byElementId, counted, nameOf, note } from "./element.js";
+import { byElementId, counted, counts, nameOf, note } from "./element.js";
 import { FrameIds } from "./frame_ids.js";
 import { listenToKeys } from "./keys.js";
 import { Link, stateOf } from "./link.js";
@@ -172,7 +172,7 @@ export function showRun(run) {
 function describe(run) {
   document.title = `${run.scene} – splatseg`;
   byElementId("scene").textContent = run.scene;
-  const facts = [counted(run.frameCount, "frame"), counted(run.objects.length, "object")];
+  const facts = [counted(run.frameCount, "frame"), counted(run.objects.filter(counts).length, "object")];
   if (run.map) facts.push(counted(run.map.total, "Gaussian"));
   byElementId("facts").textContent = `${facts.join(", ")} · splatseg ${run.version}`;
 }

@@ -1,6 +1,6 @@
 // The list of objects.
 
-import { counted, cropOf, element, swatch } from "./element.js";
+import { counted, counts, cropOf, element, swatch } from "./element.js";
 
 /** Sort keys of the list; ties are broken by id. */
 const ORDERS = {
@@ -15,6 +15,7 @@ export class ObjectList {
   #filter = document.getElementById("filter");
   #order = document.getElementById("order");
   #present = document.getElementById("present");
+  #all = document.getElementById("all");
   #rows = new Map();
   #ids = new Set();
   /** The objects that the program has found for the text of the filter. */
@@ -32,6 +33,7 @@ export class ObjectList {
       actions.filter?.((id) => found.has(id));
     });
     this.#present.addEventListener("change", () => this.#show());
+    this.#all.addEventListener("change", () => this.#show());
     this.#order.addEventListener("change", () => this.#sort());
     this.#list.addEventListener("keydown", (event) => this.#move(event));
     this.#sort();
@@ -106,13 +108,19 @@ export class ObjectList {
       const { id } = object;
       const found = this.#isFound(object);
       const here = this.#ids.has(id);
-      // The selected object stays in the list while the video moves on.
-      const visible = found && (here || !this.#present.checked || id === this.#selected);
+      // Tentative and forgotten objects are folded away, unless they are looked for. The selected object stays in the list
+      // while the video moves on.
+      const folded = !counts(object) && !this.#all.checked && this.#filter.value === "";
+      const visible = found && ((!folded && (here || !this.#present.checked)) || id === this.#selected);
       this.#rows.get(id).hidden = !visible;
       this.#button(id).classList.toggle("absent", !here);
       shown += visible ? 1 : 0;
     }
     document.getElementById("none").hidden = shown > 0;
+    const of = (state) => this.#objects.filter((object) => object.state === state).length;
+    const others = ["tentative", "forgotten"].map((state) => [of(state), state]).filter(([count]) => count > 0);
+    this.#all.parentElement.hidden = others.length === 0;
+    this.#all.nextElementSibling.textContent = others.map(([count, state]) => `${count.toLocaleString("en")} ${state}`).join(", ");
   }
 
   /** The up and down keys move from row to row. */

@@ -1,6 +1,6 @@
 // The timeline's rows: when each object is seen, and the shown frame.
 
-import { counted, element, nameOf, swatch } from "./element.js";
+import { counted, counts, element, nameOf, swatch } from "./element.js";
 import { roundLength } from "./map_scale.js";
 
 /** Height of a row, pixels, as in the style. */
@@ -29,7 +29,8 @@ export class Tracks {
     this.#clock = clock;
     this.#actions = actions;
     const first = ({ seen }) => seen[0]?.[0] ?? Infinity;
-    this.#objects = run.objects.filter(({ seen }) => seen.length > 0).sort((one, other) => first(one) - first(other) || one.id - other.id);
+    const shown = run.objects.filter((object) => counts(object) && object.seen.length > 0);
+    this.#objects = shown.sort((one, other) => first(one) - first(other) || one.id - other.id);
     for (const object of this.#objects) this.#buttons.set(object.id, this.#button(object));
     document.getElementById("unit").textContent = clock.isReal ? "time" : "frame";
     this.show(() => true);

@@ -7,7 +7,9 @@ use base64::engine::general_purpose::STANDARD;
 use image::RgbImage;
 use serde_json::{Value, json};
 use splatseg_dataset::read_segments_png;
+use splatseg_objects::ObjectList;
 use splatseg_output::segment_color;
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
@@ -169,8 +171,16 @@ fn the_video_plays_and_keys_move_it() {
         "[...document.querySelectorAll('#list li:not([hidden]) button')].map((row) => Number(row.dataset.object))";
     browser.click_on("#present");
     let ids = read_segments_png(&out.join(format!("segments/00000{}.png", FRAMES - 1))).unwrap();
-    let expected: Vec<u32> = ids.areas().into_keys().collect();
+    // Those that count, the longest seen first.
+    let list: ObjectList = serde_json::from_str(&fs::read_to_string(out.join("objects.json")).unwrap()).unwrap();
+    let areas = ids.areas();
+    let shown = list.objects.iter().map(|object| object.id).filter(|id| areas.contains_key(id));
+    let expected: Vec<u32> = shown.collect();
     assert_eq!(browser.value(rows), json!(expected));
+    assert_eq!(
+        browser.value("document.getElementById('all').parentElement.hidden"),
+        json!(list.not_counted.is_empty())
+    );
     browser.click_on("#filter");
     browser.call("Input.insertText", json!({ "text": format!("#{}", expected[0]) }));
     let found = browser.value(rows);
