@@ -6,13 +6,15 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, open_scene};
 use splatseg_geometry::CameraFrame;
 use splatseg_segmenter::{AffinityNetwork, AffinitySegmenter, AffinitySettings, AffinityWeights, Segmenter};
-use splatseg_test_scenes::demo_clip;
+use splatseg_test_scenes::{demo_clip, shared};
 
-/// The first frame of the demo.
+/// A frame of a real kitchen, or the first of the demo where that is missing. Real depth makes twice as many regions.
 fn frame() -> CameraFrame<'static> {
-    let settings = DatasetSettings::default();
-    let scene = open_scene(demo_clip(), &settings).expect("the demo");
-    let mut frames = FrameStream::open(scene, &settings, GroundTruth::Skip).expect("the demo");
+    let folder = shared("data/redkitchen_dense", "a real frame").unwrap_or_else(demo_clip);
+    let mut settings = DatasetSettings::default();
+    settings.resize = "320x240".parse().ok();
+    let scene = open_scene(folder, &settings).expect("a scene");
+    let mut frames = FrameStream::open(scene, &settings, GroundTruth::Skip).expect("a scene");
     frames.next().expect("a frame").expect("a frame").frame
 }
 
