@@ -1,4 +1,5 @@
-//! A JPEG decoder with output bit-identical to that of libjpeg and libjpeg-turbo with their default settings.
+//! A JPEG decoder with output bit-identical to that of libjpeg and libjpeg-turbo with their default settings, and a fast
+//! encoder ([`encode`]).
 //!
 //! The standard (ITU T.81) does not specify the rounding of the inverse transform or the upsampling of chroma. So
 //! decoders differ by a few levels, and a network may receive different pixels than in training. Pillow, OpenCV and
@@ -20,6 +21,7 @@
 
 mod bits;
 mod color;
+mod encoder;
 mod error;
 mod frame;
 mod huffman;
@@ -31,6 +33,7 @@ mod segments;
 mod sequential;
 mod upsample;
 
+pub use encoder::{EncodeError, encode};
 pub use error::JpegError;
 
 use frame::Frame;

@@ -1,8 +1,6 @@
 //! Crops of objects, each from the frame with the best view.
 
 use crate::{OutputError, ResultFolder, segment_color};
-use image::ExtendedColorType;
-use image::codecs::jpeg::JpegEncoder;
 use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap};
 use splatseg_objects::{BoundingBox, ObjectView};
 use std::collections::BTreeMap;
@@ -45,16 +43,8 @@ impl Crop {
 
     /// The crop as a JPEG.
     fn encoded(&self, file: &str) -> Result<Vec<u8>, OutputError> {
-        let mut encoded = Vec::new();
-        JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
-            .encode(
-                self.image.pixels().as_flattened(),
-                self.image.width() as u32,
-                self.image.height() as u32,
-                ExtendedColorType::Rgb8,
-            )
-            .map_err(|source| OutputError::Encode { path: PathBuf::from(file), source })?;
-        Ok(encoded)
+        splatseg_jpeg::encode(self.image.pixels(), self.image.width(), self.image.height(), JPEG_QUALITY)
+            .map_err(|source| OutputError::EncodeJpeg { path: PathBuf::from(file), source })
     }
 }
 

@@ -28,6 +28,14 @@ pub enum OutputError {
         /// The encoder's error.
         source: image::ImageError,
     },
+    /// The image cannot be encoded as a JPEG: it is empty, or too large for the format.
+    #[error("{}: {source}", path.display())]
+    EncodeJpeg {
+        /// The file.
+        path: PathBuf,
+        /// The encoder's error.
+        source: splatseg_jpeg::EncodeError,
+    },
     /// An id image in the folder cannot be read again.
     #[error(transparent)]
     IdImage(#[from] splatseg_dataset::DatasetError),

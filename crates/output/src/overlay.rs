@@ -2,8 +2,6 @@
 
 use crate::digits::{DIGIT_HEIGHT, decimal_digits, text_pixels, text_width};
 use crate::{OutputError, write_unsynced};
-use image::ExtendedColorType;
-use image::codecs::jpeg::JpegEncoder;
 use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap};
 use std::cmp::Reverse;
 use std::ops::Range;
@@ -54,15 +52,8 @@ pub fn write_overlay_jpeg(
     segments: &SegmentMap,
 ) -> Result<(), OutputError> {
     let overlay = draw_overlay(color, segments)?;
-    let mut encoded = Vec::new();
-    JpegEncoder::new_with_quality(&mut encoded, JPEG_QUALITY)
-        .encode(
-            overlay.pixels().as_flattened(),
-            overlay.width() as u32,
-            overlay.height() as u32,
-            ExtendedColorType::Rgb8,
-        )
-        .map_err(|source| OutputError::Encode { path: path.to_owned(), source })?;
+    let encoded = splatseg_jpeg::encode(overlay.pixels(), overlay.width(), overlay.height(), JPEG_QUALITY)
+        .map_err(|source| OutputError::EncodeJpeg { path: path.to_owned(), source })?;
     write_unsynced(path, &encoded)
 }
 

@@ -1,4 +1,5 @@
 //! The integration tests of this crate, in one program: it is linked once.
 
 mod damage;
+mod encoder;
 mod exact;

@@ -1,8 +1,7 @@
 //! The frames' pictures without overlay, for the page.
 
 use crate::OutputError;
-use image::codecs::jpeg::JpegEncoder;
-use image::{ExtendedColorType, ImageBuffer, Rgb, imageops};
+use image::{ImageBuffer, Rgb, imageops};
 use splatseg_geometry::{CowImage, Image};
 use std::path::Path;
 
@@ -13,17 +12,13 @@ const JPEG_QUALITY: u8 = 80;
 /// Encodes a colour image, sRGB, as a JPEG of at most 640 columns. `path` is named in errors.
 ///
 /// # Errors
-/// [`OutputError::Encode`].
+/// [`OutputError::EncodeJpeg`].
 pub fn small_jpeg(path: &Path, color: &CowImage<'_, [u8; 3]>) -> Result<Vec<u8>, OutputError> {
-    let encode_error = |source| OutputError::Encode { path: path.to_owned(), source };
     let small = reduced(color);
     let (width, height) = small.as_ref().map_or(color.size(), Image::size);
-    let pixels = small.as_ref().map_or(color.pixels(), Image::pixels).as_flattened();
-    let mut bytes = Vec::new();
-    JpegEncoder::new_with_quality(&mut bytes, JPEG_QUALITY)
-        .encode(pixels, width as u32, height as u32, ExtendedColorType::Rgb8)
-        .map_err(encode_error)?;
-    Ok(bytes)
+    let pixels = small.as_ref().map_or(color.pixels(), Image::pixels);
+    splatseg_jpeg::encode(pixels, width, height, JPEG_QUALITY)
+        .map_err(|source| OutputError::EncodeJpeg { path: path.to_owned(), source })
 }
 
 /// The image with [`MAX_WIDTH`] columns; `None` if it has no more than that.
