@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Makes the animation at the top of the README: the page of a run, with its map turning and an object selected.
 
-    python tools/make_page_animation.py ../shared/data/rooms/dev-a --object 12 --out docs/images/page.webp
+    python tools/make_page_animation.py ../shared/data/rooms/dev-a --object 59 --stills docs/images
 
 Runs `splatseg run` on the scene, opens its page in a headless Chromium, and puts screenshots together with Pillow. The
-scene's z axis must point up. `--stills FOLDER` also writes single pictures, for docs/TUTORIAL.md.
+scene's z axis must point up. `--stills FOLDER` also writes the two pictures of docs/TUTORIAL.md.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from PIL import Image
 SIZE = (1280, 800)
 # Of the animation, which is reduced to this width.
 WIDTH = 840
+STILL_SIZE = (1024, 640)
 FRAMES_PER_SECOND = 8
 SECONDS = 12
 # An object is selected in this part of the animation.
@@ -129,7 +130,7 @@ def shot(browser, page, state):
     else:
         browser.evaluate("delete document.documentElement.dataset.ready")
         browser.evaluate(f"location.hash = {json.dumps(hash_)}")
-    drawn = "document.documentElement.dataset.ready === 'yes' || document.body?.dataset.ready === 'yes'"
+    drawn = "document.documentElement?.dataset.ready === 'yes'"
     wait = f"""new Promise((resolve) => {{
         const look = () => ({drawn} ? requestAnimationFrame(() => requestAnimationFrame(resolve)) : setTimeout(look, 20));
         look();
@@ -159,8 +160,9 @@ def main():
         shots = list(pictures(browser, run / "index.html", view, arguments.object, frame_count))
         if arguments.stills:
             arguments.stills.mkdir(parents=True, exist_ok=True)
-            shots[0].save(arguments.stills / "page.png")
-            shots[len(shots) // 2].save(arguments.stills / "page-object.png")
+            for name, picture in [("page", shots[0]), ("object", shots[len(shots) // 2])]:
+                small = picture.resize(STILL_SIZE, Image.Resampling.LANCZOS)
+                small.save(arguments.stills / f"tutorial-{name}.jpg", quality=80, optimize=True)
         browser.process.kill()
     height = round(WIDTH * SIZE[1] / SIZE[0])
     small = [shot.resize((WIDTH, height), Image.Resampling.LANCZOS) for shot in shots]
