@@ -89,14 +89,11 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Lists the objects that have a label, and counts the others.
+/// Lists everything that has a label, and counts the objects without one.
 fn list(map: &NamedMap, ids: &BTreeSet<SegmentId>) {
-    let mut unknown = 0;
+    let named = |id: SegmentId| map.names.name(id).filter(|name| name.label.is_some());
     for id in ids {
-        let Some(name) = map.names.name(*id).filter(|name| name.label.is_some()) else {
-            unknown += 1;
-            continue;
-        };
+        let Some(name) = named(*id) else { continue };
         let score = match name.score {
             Some(score) => format!(" ({score:.2})"),
             None if name.by_hand => " (by hand)".to_owned(),
@@ -104,6 +101,7 @@ fn list(map: &NamedMap, ids: &BTreeSet<SegmentId>) {
         };
         say!("{id} {}{score}", name.label.as_deref().unwrap_or_default());
     }
+    let unknown = map.object_list().objects.iter().filter(|object| named(object.id).is_none()).count();
     if unknown > 0 {
         say!("{} without a label", counted(unknown, "object"));
     }

@@ -97,8 +97,7 @@ fn messages_agree_with_the_saved_objects() {
     let latest = |wanted| published.iter().rev().find(|(output, _)| *output == wanted).unwrap().1.as_slice();
     let objects: Detection3dArray = from_cdr(latest(Output::Objects)).unwrap();
     assert_eq!(objects.header.frame_id, "map");
-    let with_boxes: Vec<_> =
-        list.objects.iter().filter_map(|object| Some((object.id, object.shape.as_ref()?))).collect();
+    let with_boxes: Vec<_> = list.all().filter_map(|object| Some((object.id, object.shape.as_ref()?))).collect();
     assert_eq!(objects.detections.len(), with_boxes.len());
     for (detection, (id, shape)) in objects.detections.iter().zip(with_boxes) {
         assert_eq!(detection.id, id.to_string());
@@ -141,7 +140,7 @@ fn with_a_lag_every_frame_is_published_later_on_its_stamp() {
             images.iter().flat_map(|image| image.data.as_chunks::<2>().0.iter().map(|id| u16::from_le_bytes(*id)));
         let shown: BTreeSet<u32> = shown.map(u32::from).filter(|id| *id != 0).collect();
         let list: ObjectList = serde_json::from_slice(&std::fs::read(saved.objects()).unwrap()).unwrap();
-        let listed: BTreeSet<u32> = list.objects.iter().map(|object| object.id).collect();
+        let listed: BTreeSet<u32> = list.all().map(|object| object.id).collect();
         assert!(shown.is_subset(&listed), "{shown:?}, {listed:?}");
         images.iter().map(|image| image.header.stamp.nanoseconds()).collect::<Vec<_>>()
     };
@@ -159,10 +158,10 @@ fn a_session_goes_on_with_its_saved_map() {
     let options = LiveOptions { saved_map: Some(saved.clone()), ..LiveOptions::default() };
     let mut first = setting(options.clone(), None);
     play(&mut first);
-    let before = first.session.objects().objects.len();
+    let before = first.session.objects().all().count();
     let mut second = setting(options, Some(saved.map()));
     play(&mut second);
-    let after = second.session.objects().objects.len();
+    let after = second.session.objects().all().count();
     // The same four frames show little that is new.
     assert!(after <= before + 3, "{before} objects, then {after}");
 }

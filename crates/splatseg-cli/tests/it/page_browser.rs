@@ -129,7 +129,8 @@ fn clicks_in_list_picture_and_map_mark_the_object_everywhere() {
     browser.click_on(&format!("#list [data-object='{}']", in_picture[0]));
     assert_eq!(selected(&mut browser), in_picture[0]);
     assert!(dimmed_part(&mut browser) > 0.2);
-    let elsewhere = "splatsegRun.objects.find(({ seen }) => !seen.some(([first, last]) => first <= 3 && last >= 3))";
+    let elsewhere = "splatsegRun.objects.find(({ seen, state }) => state === 'remembered' \
+                     && !seen.some(([first, last]) => first <= 3 && last >= 3))";
     let object = browser.value(elsewhere);
     browser.click_on(&format!("#list [data-object='{}']", object["id"]));
     browser.wait_for(&format!("document.documentElement.dataset.frame === '{}'", object["best"]));

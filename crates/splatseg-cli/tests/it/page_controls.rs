@@ -60,7 +60,10 @@ fn the_timeline_has_a_row_for_each_object_and_goes_where_it_is_clicked() {
     let rows = "[...document.querySelectorAll('#tracks button')].map((row) => Number(row.dataset.object)).sort((one, other) => one - other)";
     assert_eq!(
         browser.value(rows),
-        browser.value("splatsegRun.objects.filter(({ seen }) => seen.length).map(({ id }) => id)")
+        browser.value(
+            "splatsegRun.objects.filter(({ seen, state }) => seen.length && state === 'remembered').map(({ id }) => id) \
+             .sort((one, other) => one - other)"
+        )
     );
     // The middle of the fourth of six frames, between the margins.
     let (left, top, width, height) = browser.place_of("#spans");
