@@ -3,6 +3,7 @@
 //! The forward transform is that of Arai, Agui and Nakajima (1988) in floating point: its scale factors are part of the
 //! quantisation. Blocks are transformed eight columns at a time, which compilers turn into vector code.
 
+use std::f32::consts::FRAC_1_SQRT_2;
 use thiserror::Error;
 
 /// Samples on a side of a block.
@@ -333,14 +334,14 @@ fn transform(v: &mut Block) {
     v[0] = add(outer, inner);
     v[4] = sub(outer, inner);
     let difference = sub(s0, s3);
-    let turned = mul(add(sub(s1, s2), difference), 0.707_106_8);
+    let turned = mul(add(sub(s1, s2), difference), FRAC_1_SQRT_2);
     v[2] = add(difference, turned);
     v[6] = sub(difference, turned);
     let (low, middle, high) = (add(d3, d2), add(d2, d1), add(d1, d0));
     let common = mul(sub(low, high), 0.382_683_4);
     let low = add(mul(low, 0.541_196_1), common);
     let high = add(mul(high, 1.306_563), common);
-    let middle = mul(middle, 0.707_106_8);
+    let middle = mul(middle, FRAC_1_SQRT_2);
     let (sum, rest) = (add(d0, middle), sub(d0, middle));
     v[5] = add(rest, low);
     v[3] = sub(rest, low);

@@ -76,7 +76,7 @@ fn other_encoders_do_not_come_closer_for_grey_pictures() {
 fn impossible_sizes_are_errors() {
     assert_eq!(encode(&[], 0, 4, 80), Err(EncodeError::Size(0, 4)));
     assert_eq!(encode(&[], 4, 0, 80), Err(EncodeError::Size(4, 0)));
-    assert_eq!(encode(&[[0; 3]; 70_000], 70_000, 1, 80), Err(EncodeError::Size(70_000, 1)));
+    assert_eq!(encode(&[], 70_000, 1, 80), Err(EncodeError::Size(70_000, 1)));
     let expected = EncodeError::PixelCount { pixels: 5, width: 2, height: 3 };
     assert_eq!(encode(&[[0; 3]; 5], 2, 3, 80), Err(expected));
 }
