@@ -11,6 +11,7 @@ from typing_extensions import Self
 __all__ = [
     "Frames",
     "Live",
+    "Names",
     "Pipeline",
     "Sam2",
     "Scene",

@@ -181,7 +181,7 @@ class _Entries(list[_Entry]):
     """A list that can become a table."""
 
     def to_df(self) -> pandas.DataFrame:
-        """A table of pandas with one row for each, by increasing id. Needs ``pip install pandas``."""
+        """A table of pandas with one row for each, in the order of the list. Needs ``pip install pandas``."""
         frame: pandas.DataFrame = require("pandas", "pandas", "to_df").DataFrame([entry._row() for entry in self])
         return frame
 
@@ -192,7 +192,7 @@ class _Entries(list[_Entry]):
 
 
 class Objects(_Entries[Object]):
-    """A list of the objects of a video, by increasing id.
+    """A list of the objects of a video, the longest seen first.
 
     The columns of :meth:`to_df` have the names of those in ``objects.csv``. A notebook displays the list as a table.
     """

@@ -202,7 +202,8 @@ class Pipeline:
         )
 
     def objects(self) -> Objects:
-        """Every object seen so far or in the memory, by increasing id, with its shape in the world."""
+        """The objects that are in the memory and that two frames or more show, the longest seen first, with their shapes in
+        the world."""
         return Objects(parse(entry) for entry in json.loads(self._pipeline.objects())["objects"])
 
     def name_objects(self, fn: Names | Callable[[NDArray[np.uint8], NDArray[np.bool_], Object], Name]) -> int:
@@ -264,7 +265,7 @@ class Pipeline:
         first. Raises ``ValueError`` if the embedding has another length than those of the objects.
         """
         is_text = isinstance(what, str)
-        found = self._pipeline.find_text(what) if is_text else self._pipeline.find(_vector(what))
+        found = self._pipeline.find_text(what) if isinstance(what, str) else self._pipeline.find(_vector(what))
         entries = {entry.id: entry for entry in self.objects()} if found else {}
         return [
             FoundObject(entries[id], None if is_text else value, value if is_text else None)

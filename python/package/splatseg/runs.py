@@ -31,7 +31,7 @@ class Run:
         return page if page.is_file() else None
 
     def objects(self) -> Objects:
-        """All objects, by increasing id."""
+        """All objects, the longest seen first."""
         return Objects(parse(entry) for entry in json.loads((self.out / "objects.json").read_text())["objects"])
 
     def __repr__(self) -> str:
