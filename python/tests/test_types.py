@@ -28,7 +28,7 @@ def test_types_of_package_and_examples():
     pytest.importorskip("mypy")
     examples = sorted(str(path) for path in (ROOT / "python/examples").glob("*.py"))
     code, text = checked("mypy", "--config-file", str(CONFIG), str(ROOT / "python/package/splatseg"), *examples)
-    modules = [path for kind in ("py", "pyi") for path in (ROOT / "python/package/splatseg").glob(f"*.{kind}")]
+    modules = [path for kind in ("py", "pyi") for path in (ROOT / "python/package/splatseg").rglob(f"*.{kind}")]
     assert code == 0 and f"no issues found in {len(modules) + len(examples)} source files" in text, text
 
 
