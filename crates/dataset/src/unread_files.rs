@@ -36,7 +36,7 @@ pub(crate) fn file_error(path: &Path) -> Option<DatasetError> {
     Some(video_error(path, &head).unwrap_or_else(|| unknown_file(path, &head)))
 }
 
-/// The error for a file that is no video.
+/// The error for a file of an unknown kind.
 fn unknown_file(path: &Path, head: &[u8]) -> DatasetError {
     let name = path.to_string_lossy().to_ascii_lowercase();
     let is_it = |(start, ending, ..): &&(&[u8], &str, &str, &str)| {

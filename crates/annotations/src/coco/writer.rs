@@ -25,7 +25,7 @@ struct Category<'a> {
     supercategory: &'a str,
 }
 
-/// What an object is.
+/// The label of an object.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CocoLabel {
     /// Name of its category.

@@ -22,7 +22,7 @@ pub struct RecordingSummary {
     pub files: usize,
     /// How rosbag2 has compressed it, e.g. `zstd, each message`; `None` if it has not.
     pub compression: Option<&'static str>,
-    /// What the file says about the camera; `None` if it says nothing.
+    /// The camera as the file describes it; `None` without a description.
     pub camera: Option<String>,
     /// Topics, in order of appearance.
     pub topics: Vec<RecordingTopic>,

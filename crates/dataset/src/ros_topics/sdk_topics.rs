@@ -9,7 +9,7 @@ pub(crate) struct SdkTopic<'a> {
     pub(crate) sensor: &'a str,
     /// The coordinate frame of the stream, as the SDK names it in `/tf_static`: `Depth`, `Color`, `Infrared_1`.
     pub(crate) frame: String,
-    /// What follows the stream, e.g. `image/data`.
+    /// The part of the topic after the stream, e.g. `image/data`.
     pub(crate) rest: &'a str,
 }
 

@@ -6,7 +6,7 @@ use splatseg_dataset::{DatasetError, DatasetSettings, open_scene};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// What the files hold.
+/// The expected content of the files.
 #[derive(Deserialize)]
 struct Expected {
     width: u32,

@@ -46,20 +46,7 @@ fn list() -> ObjectList {
         shape: Some(shape),
         best_view: Some(view),
     };
-    let unknown = Object {
-        id: 8,
-        label: Some("cup".to_owned()),
-        label_score: None,
-        label_alternatives: Vec::new(),
-        state: Some(ObjectState::Forgotten),
-        frames: 0,
-        first_frame: None,
-        last_frame: None,
-        confidence: None,
-        color: None,
-        shape: None,
-        best_view: None,
-    };
+    let unknown = Object { label: Some("cup".to_owned()), state: Some(ObjectState::Forgotten), ..Object::unknown(8) };
     let mut list = ObjectList::new(&ObjectLog::default(), None);
     list.frames = 5;
     list.objects = vec![known];

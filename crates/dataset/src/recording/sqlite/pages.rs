@@ -60,7 +60,7 @@ impl Fault {
     }
 }
 
-/// What is found in a table.
+/// A leaf page of a table, or the reason why one is left out.
 #[derive(Clone, Debug)]
 pub(super) enum Visit<'p> {
     /// A leaf page, with its number.

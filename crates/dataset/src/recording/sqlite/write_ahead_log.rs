@@ -23,7 +23,7 @@ pub(super) struct WriteAheadLog {
     pages: u32,
 }
 
-/// What a log is.
+/// The result of opening a write-ahead log.
 #[derive(Debug)]
 pub(super) enum FoundLog {
     Log(WriteAheadLog),
