@@ -107,10 +107,7 @@ fn corners(level: &Level) -> Vec<Corner> {
     if width <= 2 * margin || height <= 2 * margin {
         return Vec::new();
     }
-    let of_row = |row: usize| -> Vec<Corner> {
-        let columns = (0..width.div_ceil(CELL)).map(|column| column * CELL);
-        columns.flat_map(|left| corners_in_cell(level, (left, row * CELL), margin)).collect()
-    };
+    let of_row = |row: usize| corners_in_cells(level, row * CELL, margin);
     let rows: Vec<Vec<Corner>> = (0..height.div_ceil(CELL)).into_par_iter().map(of_row).collect();
     let mut corners: Vec<Corner> = rows.into_iter().flatten().collect();
     // Ties in the order of rows and columns: sorting is stable.
@@ -118,17 +115,28 @@ fn corners(level: &Level) -> Vec<Corner> {
     corners
 }
 
-fn corners_in_cell(level: &Level, (left, top): (usize, usize), margin: usize) -> Vec<Corner> {
+/// The corners in a row of cells.
+fn corners_in_cells(level: &Level, top: usize, margin: usize) -> Vec<Corner> {
     let (width, height) = level.grey.size();
-    let mut found: Vec<Corner> = Vec::new();
+    let mut cells: Vec<Vec<Corner>> = vec![Vec::new(); width.div_ceil(CELL)];
+    let mut tensor = StructureTensor::default();
     for row in (top.max(margin)..(top + CELL).min(height - margin)).step_by(2) {
-        for column in (left.max(margin)..(left + CELL).min(width - margin)).step_by(2) {
-            let strength = strength(level, column, row);
-            if strength >= MIN_STRENGTH {
-                found.push(Corner { strength, place: (column, row) });
+        let strengths = tensor.strengths(level, row);
+        for (cell, found) in cells.iter_mut().enumerate() {
+            let left = cell * CELL;
+            for column in (left.max(margin)..(left + CELL).min(width - margin)).step_by(2) {
+                let strength = strengths[column - WINDOW - 1];
+                if strength >= MIN_STRENGTH {
+                    found.push(Corner { strength, place: (column, row) });
+                }
             }
         }
     }
+    cells.into_iter().flat_map(strongest).collect()
+}
+
+/// The strongest corners of a cell that are not too close together.
+fn strongest(mut found: Vec<Corner>) -> Vec<Corner> {
     found.sort_by(|one, other| other.strength.total_cmp(&one.strength));
     let mut kept: Vec<Corner> = Vec::with_capacity(PER_CELL);
     for corner in found {
@@ -143,21 +151,56 @@ fn corners_in_cell(level: &Level, (left, top): (usize, usize), margin: usize) ->
     kept
 }
 
-/// The smaller eigenvalue of the structure tensor around a pixel, per pixel of the window.
-fn strength(level: &Level, column: usize, row: usize) -> f32 {
-    let (mut xx, mut xy, mut yy) = (0.0f32, 0.0f32, 0.0f32);
-    let (from, to) = (column - WINDOW, column + WINDOW);
-    for row in row - WINDOW..=row + WINDOW {
-        let [above, here, below] = [row - 1, row, row + 1].map(|row| level.grey.row(row));
-        for column in from..=to {
-            let x = (here[column + 1] - here[column - 1]) * 0.5;
-            let y = (below[column] - above[column]) * 0.5;
-            (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
+/// The structure tensor around the pixels of a row, in buffers that are used for one row after the other. Each sum has the
+/// order of the window's pixels, so that vectors of any width give the same bytes.
+#[derive(Default)]
+struct StructureTensor {
+    /// Products of the gradient at the pixels of one row, from column 1 on: xx, xy, yy.
+    products: [Vec<f32>; 3],
+    /// Their sums over the windows around the pixels from column `WINDOW + 1` on.
+    sums: [Vec<f32>; 3],
+    strengths: Vec<f32>,
+}
+
+impl StructureTensor {
+    /// The smaller eigenvalue of the tensor around the pixels from column `WINDOW + 1` to as far from the end, per pixel of
+    /// the window.
+    fn strengths(&mut self, level: &Level, row: usize) -> &[f32] {
+        let inner = level.grey.width() - 2 * WINDOW - 2;
+        for sums in &mut self.sums {
+            sums.clear();
+            sums.resize(inner, 0.0);
         }
+        for row in row - WINDOW..=row + WINDOW {
+            self.set_products(level, row);
+            for (sums, products) in self.sums.iter_mut().zip(&self.products) {
+                for shift in 0..=2 * WINDOW {
+                    sums.iter_mut().zip(&products[shift..]).for_each(|(sum, product)| *sum += product);
+                }
+            }
+        }
+        let side = (2 * WINDOW + 1) as f32;
+        let [xx, xy, yy] = &self.sums;
+        self.strengths.clear();
+        self.strengths.extend(xx.iter().zip(xy).zip(yy).map(|((xx, xy), yy)| {
+            let (mean, difference) = ((xx + yy) * 0.5, (xx - yy) * 0.5);
+            (mean - (difference * difference + xy * xy).sqrt()) / (side * side)
+        }));
+        &self.strengths
     }
-    let (mean, difference) = ((xx + yy) * 0.5, (xx - yy) * 0.5);
-    let side = (2 * WINDOW + 1) as f32;
-    (mean - (difference * difference + xy * xy).sqrt()) / (side * side)
+
+    fn set_products(&mut self, level: &Level, row: usize) {
+        let [above, here, below] = [row - 1, row, row + 1].map(|row| level.grey.row(row));
+        let [xx, xy, yy] = &mut self.products;
+        [&mut *xx, &mut *xy, &mut *yy].into_iter().for_each(Vec::clear);
+        let inner = level.grey.width() - 2;
+        let beside = here[..inner].iter().zip(&here[2..]).zip(&above[1..=inner]).zip(&below[1..=inner]);
+        let gradients =
+            || beside.clone().map(|(((left, right), above), below)| ((right - left) * 0.5, (below - above) * 0.5));
+        xx.extend(gradients().map(|(x, _)| x * x));
+        xy.extend(gradients().map(|(x, y)| x * y));
+        yy.extend(gradients().map(|(_, y)| y * y));
+    }
 }
 
 /// Describes a corner; `None` if it has no depth.
@@ -188,4 +231,39 @@ fn descriptor(level: &Level, centre: Vec2, radius: f32) -> Descriptor {
         bits[index / 64] |= u64::from(grey(*one) < grey(*other)) << (index % 64);
     }
     bits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatseg_geometry::{Image, Intrinsics};
+
+    /// The smaller eigenvalue of the structure tensor around one pixel, by its definition.
+    fn strength(grey: &Image<f32>, column: usize, row: usize) -> f32 {
+        let (mut xx, mut xy, mut yy) = (0.0f32, 0.0f32, 0.0f32);
+        for row in row - WINDOW..=row + WINDOW {
+            for column in column - WINDOW..=column + WINDOW {
+                let x = (grey[(column + 1, row)] - grey[(column - 1, row)]) * 0.5;
+                let y = (grey[(column, row + 1)] - grey[(column, row - 1)]) * 0.5;
+                (xx, xy, yy) = (xx + x * x, xy + x * y, yy + y * y);
+            }
+        }
+        let (mean, difference) = ((xx + yy) * 0.5, (xx - yy) * 0.5);
+        (mean - (difference * difference + xy * xy).sqrt()) / 25.0
+    }
+
+    #[test]
+    fn the_strength_of_a_row_is_that_of_each_pixel() {
+        let (width, height) = (53, 31);
+        let mut random = Random(7);
+        let grey = Image::from_fn(width, height, |_, _| (random.next() >> 56) as f32);
+        let intrinsics = Intrinsics { fx: 50.0, fy: 50.0, cx: 26.0, cy: 15.0, width, height };
+        let level = Level { grey, depth: Image::filled(width, height, 1.0), intrinsics };
+        let mut tensor = StructureTensor::default();
+        for row in WINDOW + 1..height - WINDOW - 1 {
+            let found = tensor.strengths(&level, row).to_vec();
+            let columns = WINDOW + 1..width - WINDOW - 1;
+            assert_eq!(found, columns.map(|column| strength(&level.grey, column, row)).collect::<Vec<f32>>());
+        }
+    }
 }
