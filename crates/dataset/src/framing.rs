@@ -3,7 +3,7 @@
 use crate::DatasetError;
 use crate::resample::{ImageMap, resample_color, resample_depth, resample_labels};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::{CameraFrame, SegmentMap};
+use splatseg_geometry::{CameraFrame, CowImage, Image, SegmentMap};
 use splatseg_settings::{Allowed, SettingError, SettingValue};
 use std::fmt;
 use std::str::FromStr;
@@ -75,16 +75,31 @@ impl Framing {
         if resize.is_none() && self.crop_border == 0 {
             return Ok(frame);
         }
-        let (color, depth) = match resize {
+        let (color, depth, predicted) = match resize {
             Some(size) => {
                 intrinsics = intrinsics.resized(size.0, size.1);
                 let map = ImageMap::resize(original, size);
-                (resample_color(frame.color(), &map), resample_depth(frame.depth(), &map))
+                // Pixels keep their origin approximately: a reduced pixel's depth is one of those under it.
+                let predicted = frame.predicted().map(|predicted| {
+                    Image::from_fn(size.0, size.1, |column, row| {
+                        map.nearest(column, row).is_some_and(|at| predicted[at])
+                    })
+                });
+                (resample_color(frame.color(), &map), resample_depth(frame.depth(), &map), predicted)
             }
-            None => (frame.color().as_borrowed(), frame.depth().as_borrowed()),
+            None => {
+                let predicted = frame.predicted().map(CowImage::as_borrowed);
+                (frame.color().as_borrowed(), frame.depth().as_borrowed(), predicted)
+            }
         };
         let border = self.crop_border;
-        CameraFrame::new(frame.name(), color.crop_border(border), depth.crop_border(border), intrinsics.cropped(border))
+        let (color, depth) = (color.crop_border(border), depth.crop_border(border));
+        let framed = match predicted {
+            Some(predicted) => CameraFrame::new(frame.name(), color, depth.clone(), intrinsics.cropped(border))
+                .and_then(|framed| framed.with_predicted_depth(depth, predicted.crop_border(border))),
+            None => CameraFrame::new(frame.name(), color, depth, intrinsics.cropped(border)),
+        };
+        framed
             .map(|framed| framed.with_timestamp(frame.timestamp()))
             .map_err(|source| DatasetError::Frame { name: frame.name().to_owned(), source })
     }

@@ -16,6 +16,7 @@ pub struct CameraFrame<'a> {
     timestamp: Option<Duration>,
     color: CowImage<'a, [u8; 3]>,
     depth: CowImage<'a, f32>,
+    predicted: Option<CowImage<'a, bool>>,
     intrinsics: Intrinsics,
 }
 
@@ -135,13 +136,24 @@ impl<'a> CameraFrame<'a> {
             });
         }
         intrinsics.validated()?;
-        let is_measured_or_zero = |value: &f32| value.is_finite() && *value >= 0.0 && value.is_sign_positive();
-        if !depth.pixels().iter().all(is_measured_or_zero) {
-            for value in depth.pixels_mut().iter_mut().filter(|value| !is_measured_or_zero(value)) {
-                *value = 0.0;
-            }
+        remove_unusable(&mut depth);
+        Ok(Self { name: name.into(), timestamp: None, color, depth, predicted: None, intrinsics })
+    }
+
+    /// Replaces the depth, or part of it, by predicted depth: `predicted` is true where it was. Both are `[height, width]`.
+    ///
+    /// # Errors
+    /// If a size differs from the frame's.
+    pub fn with_predicted_depth(
+        self,
+        mut depth: CowImage<'a, f32>,
+        predicted: CowImage<'a, bool>,
+    ) -> Result<Self, FrameError> {
+        if let Some(size) = [depth.size(), predicted.size()].into_iter().find(|size| *size != self.color.size()) {
+            return Err(FrameError::SizesDiffer { color: self.color.size(), depth: size });
         }
-        Ok(Self { name: name.into(), timestamp: None, color, depth, intrinsics })
+        remove_unusable(&mut depth);
+        Ok(Self { depth, predicted: Some(predicted), ..self })
     }
 
     /// Sets or removes the timestamp; see [`CameraFrame::timestamp`].
@@ -163,13 +175,19 @@ impl<'a> CameraFrame<'a> {
             timestamp: self.timestamp,
             color: self.color.as_borrowed(),
             depth: self.depth.as_borrowed(),
+            predicted: self.predicted.as_ref().map(CowImage::as_borrowed),
             intrinsics: self.intrinsics,
         }
     }
 
     /// Converts to a frame that owns its pixels. Copies borrowed pixels.
     pub fn into_owned(self) -> CameraFrame<'static> {
-        CameraFrame { color: self.color.into_owned(), depth: self.depth.into_owned(), ..self }
+        CameraFrame {
+            color: self.color.into_owned(),
+            depth: self.depth.into_owned(),
+            predicted: self.predicted.map(CowImage::into_owned),
+            ..self
+        }
     }
 
     /// The frame with every second row and column only, beginning with the first: a quarter of its pixels.
@@ -179,6 +197,7 @@ impl<'a> CameraFrame<'a> {
         CameraFrame {
             color: self.color.halved(),
             depth: self.depth.halved(),
+            predicted: self.predicted.as_ref().map(CowImage::halved),
             intrinsics: Intrinsics { fx: fx / 2.0, fy: fy / 2.0, cx: cx / 2.0, cy: cy / 2.0, width, height },
             name: self.name.clone(),
             timestamp: self.timestamp,
@@ -191,6 +210,7 @@ impl<'a> CameraFrame<'a> {
         CameraFrame {
             color: self.color.turned(turn),
             depth: self.depth.turned(turn),
+            predicted: self.predicted.as_ref().map(|predicted| predicted.turned(turn)),
             intrinsics: self.intrinsics.turned(turn),
             name: self.name.clone(),
             timestamp: self.timestamp,
@@ -228,9 +248,24 @@ impl<'a> CameraFrame<'a> {
         &self.depth
     }
 
+    /// True where the depth was predicted from colour, not measured, `[height, width]`. `None` if all was measured.
+    pub fn predicted(&self) -> Option<&CowImage<'a, bool>> {
+        self.predicted.as_ref()
+    }
+
     /// The camera's intrinsics.
     pub fn intrinsics(&self) -> &Intrinsics {
         &self.intrinsics
+    }
+}
+
+/// Replaces values that are no depth by 0.
+fn remove_unusable(depth: &mut CowImage<'_, f32>) {
+    let is_measured_or_zero = |value: &f32| value.is_finite() && *value >= 0.0 && value.is_sign_positive();
+    if !depth.pixels().iter().all(is_measured_or_zero) {
+        for value in depth.pixels_mut().iter_mut().filter(|value| !is_measured_or_zero(value)) {
+            *value = 0.0;
+        }
     }
 }
 

@@ -46,6 +46,29 @@ pub struct Recall<'f> {
     pub(crate) tiles: Vec<StoreTile>,
 }
 
+/// Surfaces that are farther away are no surfaces: what has no depth is assumed to be there.
+const MAX_SURFACE_DEPTH: f32 = 25.0;
+
+/// The depth that a map shows, see [`SplatMemory::expected_depth`](crate::SplatMemory::expected_depth).
+pub(crate) fn expected_depth(map: &Balls, camera: &Camera, settings: &MemorySettings) -> Image<f32> {
+    let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
+    let unknown = Image::filled(width, height, 0.0);
+    let (view, tiles) =
+        View::read(&VisibleBalls::new(map, &[]), camera, |tile| TileSurface::read(tile, &unknown, settings));
+    let mut depth = Image::filled(width, height, 0.0);
+    for (tile, surface) in view.weights().tiles().iter().zip(tiles) {
+        let ((left, top), (width, height)) = (tile.origin(), tile.size());
+        for row in 0..height {
+            for column in 0..width {
+                let at = row * TileWeights::SIDE + column;
+                let is_surface = surface.silhouette[at] >= COVERED && surface.depth[at] <= MAX_SURFACE_DEPTH;
+                depth[(left + column, top + row)] = if is_surface { surface.depth[at] } else { 0.0 };
+            }
+        }
+    }
+    depth
+}
+
 /// Where a frame was taken, in the coordinates of the map.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FramePlace {

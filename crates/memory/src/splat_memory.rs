@@ -7,7 +7,7 @@ use crate::growth::new_gaussians;
 use crate::map::SplatMap;
 use crate::origin::{MIN_FAR_FRAMES, change_of_origin, is_far, origin_for};
 use crate::patches::{PatchGraph, Scope};
-use crate::recall::{FramePlace, Recall};
+use crate::recall::{FramePlace, Recall, expected_depth};
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
 use crate::segment_store::SegmentStore;
@@ -17,10 +17,10 @@ use crate::{LearningExtent, MemoryError, MemoryRules, MemorySettings, NewStore, 
 use glam::DVec3;
 use rayon::prelude::*;
 use splatseg_geometry::{
-    Affinities, FrameAnchor, KeyframeId, MapCorrection, MapSegments, MapView, Pose, RemappedId, RgbdFrame,
-    STAGE_TARGET, SegmentId, SegmentMap, Segmentation,
+    Affinities, FrameAnchor, Image, Intrinsics, KeyframeId, MapCorrection, MapSegments, MapView, Pose, RemappedId,
+    RgbdFrame, STAGE_TARGET, SegmentId, SegmentMap, Segmentation,
 };
-use splatseg_render::TileWeights;
+use splatseg_render::{Camera, TileWeights};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Frames between two counts of the ids that Gaussians show, where they are not counted after every frame.
@@ -169,6 +169,14 @@ impl SplatMemory {
             Some(ids) => recall.expecting_previous(&ids),
             None => recall,
         }
+    }
+
+    /// Renders the depth that the map shows to a camera: z-depth, metres, `[height, width]`, 0 where it shows no surface whose
+    /// distance is known.
+    pub fn expected_depth(&self, intrinsics: &Intrinsics, world_from_camera: &Pose) -> Image<f32> {
+        let place = world_from_camera.relative_to(self.origin);
+        let camera = Camera { limits: self.rules.limits, ..Camera::new(*intrinsics, &place) };
+        expected_depth(&self.map.balls, &camera, &self.settings)
     }
 
     /// Renders the segments that the map, as it is now, shows at the pose of an earlier frame, which showed the ids `shown`,

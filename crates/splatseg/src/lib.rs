@@ -15,6 +15,7 @@ pub use settings::Settings;
 
 pub use splatseg_annotations as annotations;
 pub use splatseg_dataset as dataset;
+pub use splatseg_depth as depth;
 pub use splatseg_geometry as geometry;
 pub use splatseg_memory as memory;
 pub use splatseg_metrics as metrics;

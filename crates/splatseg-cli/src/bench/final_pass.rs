@@ -55,6 +55,7 @@ impl EarlierFrames {
         }
         let started = Instant::now();
         pipeline.settle();
+        let mut depth = pipeline.take_depth_again();
         let Some(hindsight) = pipeline.hindsight() else { return Ok(None) };
         let corrections = self.history.pose_corrections(&pipeline.keyframes());
         let scorer = |protocol| VideoScorer::new(ScoreSettings { protocol, ..inputs.score });
@@ -68,7 +69,10 @@ impl EarlierFrames {
             let next = frames.next_if(|(_, (frame, _))| frame.index == streamed.index);
             let Some((position, (_, line))) = next else { continue };
             let line = String::from_utf8_lossy(line);
-            let earlier = self.history.earlier(position, (streamed.frame, &line), &corrections).map_err(text)?;
+            let mut earlier = self.history.earlier(position, (streamed.frame, &line), &corrections).map_err(text)?;
+            if let Some(depth) = &mut depth {
+                earlier.frame = depth.frame(earlier.frame).map_err(text)?;
+            }
             let segments = earlier.decided(&hindsight).map_err(text)?.segments;
             time += started.elapsed();
             if let Some(truth) = &streamed.ground_truth {

@@ -111,6 +111,7 @@ impl FinalPass<'_> {
     ) -> Result<Option<EarlyEnd>, OutputError> {
         let unreadable = |source| OutputError::Read { path: path.to_owned(), source };
         pipeline.settle();
+        let mut depth = pipeline.take_depth_again();
         let Some(hindsight) = pipeline.hindsight() else { return Ok(None) };
         let corrections = history.pose_corrections(&pipeline.keyframes());
         let mut lines = shown_frames::read(path).map_err(unreadable)?;
@@ -129,7 +130,11 @@ impl FinalPass<'_> {
             let Some((position, _)) = frames.next_if(|(_, frame)| frame.index == index) else { continue };
             let line = lines.next().unwrap_or_else(|| Err(io::ErrorKind::UnexpectedEof.into()));
             let earlier = line.and_then(|line| history.earlier(position, (frame, &line), &corrections));
-            waiting.push(earlier.map_err(unreadable)?);
+            let mut earlier = earlier.map_err(unreadable)?;
+            if let Some(depth) = &mut depth {
+                earlier.frame = depth.frame(earlier.frame).map_err(|error| unreadable(io::Error::other(error)))?;
+            }
+            waiting.push(earlier);
             if waiting.len() == at_once {
                 before = step(&hindsight, std::mem::take(&mut waiting), before, written, decided)?;
             }

@@ -45,7 +45,7 @@ use frame_loop::{FrameLoop, LoopOutcome, StateSaving};
 use progress::codebook_bar;
 use saved_run::RunState;
 use serde_json::Value;
-use splatseg::pipeline::LoadedNetworks;
+use splatseg::pipeline::{LoadedNetworks, PredictedDepthUse};
 use splatseg::settings::MethodName;
 use splatseg::summary::Summary;
 use splatseg::{Pipeline, Settings};
@@ -322,6 +322,12 @@ fn check_saving(job: &RunJob, outputs: &[Box<dyn RunOutput>]) -> Result<(), Fail
     if job.settings.run.save_every > 0 && method != MethodName::FastsamSplat {
         let reason = "save_every is not used here: it needs method = fastsam-splat, but method is";
         return Err(Failure::input(format!("{reason} {}", method.name())));
+    }
+    let predicts_all =
+        job.settings.depth_predictor.is_some() && job.settings.run.predicted_depth == PredictedDepthUse::All;
+    if job.settings.run.save_every > 0 && predicts_all {
+        let reason = "save_every is not used here: what the scale of predicted depth is known to be is not saved";
+        return Err(Failure::input(format!("{reason}; leave it out, or set predicted_depth = holes")));
     }
     match &job.resume {
         Some(saved) => saved.check(&job.scene, &job.settings, outputs),

@@ -1,6 +1,6 @@
-//! The parts that settings choose: methods, segmenters, trackers and namers.
+//! The parts that settings choose: methods, segmenters, trackers, namers and depth predictors.
 //!
-//! A segmenter, tracker or namer can be chosen by its name once it is in the table of its kind. A part is one type: its
+//! A part of each kind can be chosen by its name once it is in the table of its kind. A part is one type: its
 //! settings, declared with `settings!`, which implement [`PartSection`]. The built-in parts are in `segmenters.rs` and
 //! `trackers.rs`; other crates add theirs with [`register_segmenter`](crate::settings::register_segmenter),
 //! [`register_tracker`](crate::settings::register_tracker) and [`register_namer`](crate::settings::register_namer).
@@ -8,6 +8,7 @@
 //! Nothing here depends on the pipeline or on the settings of a whole run: both are made of parts.
 
 mod context;
+pub(crate) mod depth_predictors;
 mod error;
 mod files;
 pub(crate) mod methods;
@@ -23,6 +24,7 @@ pub(crate) mod trackers;
 mod values;
 
 pub use context::PartContext;
+pub use depth_predictors::DepthPredictorSettings;
 pub use error::PartError;
 pub use files::{MissingFile, PartFile, PartFiles, SettingsInput};
 pub use methods::{MethodName, MethodSettings};

@@ -4,6 +4,7 @@ use crate::names::NamesError;
 use crate::parts::PartError;
 use crate::settings::SettingsError;
 use splatseg_dataset::FrameReadError;
+use splatseg_depth::DepthPredictorError;
 use splatseg_geometry::SegmentId;
 use splatseg_kernels::InstructionsError;
 use splatseg_memory::LoadMemoryError;
@@ -53,6 +54,14 @@ pub enum PipelineError {
     /// The frame's pose could not be determined. Later frames can still be processed.
     #[error(transparent)]
     Pose(#[from] PoseSourceError),
+    /// The frame's depth could not be predicted. Later frames can still be processed.
+    #[error("{frame}: {source}")]
+    Depth {
+        /// The frame.
+        frame: String,
+        /// The error.
+        source: Box<DepthPredictorError>,
+    },
     /// The segmenter failed on a frame. Later frames can still be processed.
     #[error("{frame}: {source}")]
     Segmenter {
@@ -130,6 +139,14 @@ pub enum NameObjectsError {
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum UnusableFrame {
+    /// The frame's depth could not be predicted.
+    #[error("{frame}: {source}")]
+    Depth {
+        /// The frame.
+        frame: String,
+        /// The error.
+        source: Box<DepthPredictorError>,
+    },
     /// The frame could not be read.
     #[error(transparent)]
     Read(#[from] FrameReadError),

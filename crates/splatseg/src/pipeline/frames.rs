@@ -4,6 +4,7 @@
 //! same threads, unless `segment_ahead=false`. Results are the same bytes either way. Each stage takes longer, as both
 //! share the processor. [`Pipeline::step`] has one frame only, and segments it first.
 
+use super::predicted_depth::DepthStage;
 use super::stages::{Segmented, in_thread_pool, process, segment};
 use super::working_resolution::WorkingFrame;
 use super::{FrameResult, NameObjectsError, ObjectToName, Pipeline, PipelineError, UnusableFrame};
@@ -38,7 +39,7 @@ pub struct Processed {
 }
 
 /// The next frame of the source, with what was prepared ahead.
-type NextFrame = (Result<StreamedFrame, FrameReadError>, Option<Prepared>);
+type NextFrame = (Result<StreamedFrame, UnusableFrame>, Option<Prepared>);
 
 /// A frame that was reduced, if it needs that, and segmented.
 struct Prepared {
@@ -107,45 +108,73 @@ impl<S: FrameSource> Frames<'_, S> {
     }
 }
 
+/// A frame with predicted depth, if depth is to be predicted.
+fn predicted(
+    streamed: Result<StreamedFrame, FrameReadError>,
+    depth: &mut Option<DepthStage>,
+) -> Result<StreamedFrame, UnusableFrame> {
+    let StreamedFrame { frame, index, world_from_camera, corrections, ground_truth } = streamed?;
+    let frame = match depth {
+        Some(depth) => {
+            let name = frame.name().to_owned();
+            let unusable = |source| UnusableFrame::Depth { frame: name, source: Box::new(source) };
+            depth.predicted(frame).map_err(unusable)?
+        }
+        None => frame,
+    };
+    Ok(StreamedFrame { frame, index, world_from_camera, corrections, ground_truth })
+}
+
 impl<S: FrameSource> Iterator for Frames<'_, S> {
     type Item = Result<Processed, UnusableFrame>;
 
     fn next(&mut self) -> Option<Self::Item> {
         let Self { pipeline, source, next } = self;
-        let (streamed, prepared) = next.take().or_else(|| Some((source.next()?, None)))?;
+        let (streamed, prepared) = match next.take() {
+            Some(next) => next,
+            None => (predicted(source.next()?, &mut pipeline.depth), None),
+        };
         let StreamedFrame { index, frame, world_from_camera, corrections, ground_truth } = match streamed {
             Ok(streamed) => streamed,
-            Err(error) => return Some(Err(error.into())),
+            Err(error) => return Some(Err(error)),
         };
         let corrected: Vec<(usize, Pose)> =
             corrections.iter().map(|correction| (correction.frame, correction.world_from_camera)).collect();
         pipeline.correct_poses(&corrected);
-        let (working, segmented) = match prepared {
+        let (mut working, segmented) = match prepared {
             Some(Prepared { reduced, segmented }) => (WorkingFrame::new(&frame, reduced), Some(segmented)),
             None => (pipeline.working_frame(&frame), None),
         };
-        let placed = match pipeline.place(&working, index, world_from_camera.as_ref()) {
+        let placed = match pipeline.place(&mut working, index, world_from_camera.as_ref()) {
             Ok(placed) => placed,
             Err(error) => return Some(Err(error.into())),
         };
         let world_from_camera = placed.pose.world_from_camera;
-        let Pipeline { segmenter, method, segment_ahead, clock, objects, turn, resolution, .. } = &mut **pipeline;
+        let Pipeline { segmenter, method, segment_ahead, clock, objects, turn, resolution, depth, .. } =
+            &mut **pipeline;
         // Read on this thread: a thread of the pool that waits for a frame could be the one that the frame waits for.
         let ahead = if *segment_ahead { source.next() } else { None };
-        let (result, prepared) = in_thread_pool(|| {
+        let (result, ahead) = in_thread_pool(|| {
             let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), &working, placed.turn));
             rayon::join(
                 || process(method.as_mut(), clock, objects, &working, placed, segmented),
                 || {
-                    let working = resolution.frame(&ahead.as_ref()?.as_ref().ok()?.frame);
-                    let segmented = segment(segmenter.as_mut(), &working, *turn);
-                    Some(Prepared { reduced: working.into_reduced(), segmented })
+                    let ahead = predicted(ahead?, depth);
+                    let prepared = ahead.as_ref().ok().map(|ahead| {
+                        let working = resolution.frame(&ahead.frame);
+                        let segmented = segment(segmenter.as_mut(), &working, *turn);
+                        Prepared { reduced: working.into_reduced(), segmented }
+                    });
+                    Some((ahead, prepared))
                 },
             )
         });
         let result = result.and_then(|decided| pipeline.completed(&working, decided));
-        let frame = frame.at(world_from_camera);
-        *next = ahead.map(|frame| (frame, prepared));
+        let frame = match working.into_changed() {
+            Some(changed) => changed.at(world_from_camera),
+            None => frame.at(world_from_camera),
+        };
+        *next = ahead;
         Some(Ok(Processed { index, frame, ground_truth, result }))
     }
 }

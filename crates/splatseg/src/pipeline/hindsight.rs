@@ -1,7 +1,8 @@
 //! Hindsight: frames are decided again with the map of the end.
 
+use super::predicted_depth::DepthStage;
 use super::stages::in_thread_pool;
-use super::{Pipeline, ReducedHindsight};
+use super::{DepthAgain, Pipeline, ReducedHindsight};
 use splatseg_geometry::SegmentId;
 use splatseg_objects::ObjectLog;
 use std::collections::BTreeSet;
@@ -25,11 +26,21 @@ impl Pipeline {
         self.method.keep_verdicts();
     }
 
-    /// Decides earlier frames again, with the map as it is now; `None` if the method cannot. The frames need their final poses,
+    /// Decides earlier frames again, with the map as it is now; `None` if the method cannot, or depth is predicted in place of
+    /// measured depth: surfaces are then too inexact for it (`docs/PREDICTED_DEPTH.md`). The frames need their final poses,
     /// see [`Self::keyframes`], and what they showed: [`FrameOutput::segments`](splatseg_tracking::FrameOutput::segments) and
     /// [`FrameResult::regions`](super::FrameResult::regions).
     pub fn hindsight(&self) -> Option<ReducedHindsight<'_>> {
+        if self.depth.as_ref().is_some_and(DepthStage::predicts_all) {
+            return None;
+        }
         Some(ReducedHindsight { hindsight: self.method.hindsight()?, resolution: self.resolution })
+    }
+
+    /// Takes the depth predictor, which fills the holes of frames that are read again for [`Self::hindsight`]. `None` if no
+    /// depth is predicted. Later frames keep the depth that they come with.
+    pub fn take_depth_again(&mut self) -> Option<DepthAgain> {
+        self.depth.take().map(DepthAgain)
     }
 
     /// Replaces the log of objects by that of the frames as they were decided again. The map's states follow: an object

@@ -1,6 +1,7 @@
 //! The pipeline, frame by frame.
 
 use super::kept_names::KeptNames;
+use super::predicted_depth::DepthStage;
 use super::stage_times::StageClock;
 use super::stages::{Decided, Placed, in_thread_pool, process, segment, timed};
 use super::working_resolution::{WorkingFrame, WorkingResolution};
@@ -25,6 +26,8 @@ pub struct Pipeline {
     pub(super) segment_ahead: bool,
     pub(super) rotate: Rotate,
     pub(super) resolution: WorkingResolution,
+    /// Predicts depth, if the settings choose that.
+    pub(super) depth: Option<DepthStage>,
     /// The turn with which the next frame is segmented.
     pub(super) turn: QuarterTurn,
     pub(super) clock: StageClock,
@@ -55,6 +58,7 @@ impl Pipeline {
             segment_ahead: false,
             rotate: Rotate::Auto,
             resolution: WorkingResolution::default(),
+            depth: None,
             turn: QuarterTurn::None,
             clock: StageClock::new(),
             objects: ObjectLog::default(),
@@ -73,8 +77,9 @@ impl Pipeline {
     /// can still be processed. [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device
     /// failed: no later frame can be processed. [`PipelineError::Namer`] if the namer of the settings failed.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
-        let working = self.working_frame(frame);
-        let placed = self.place(&working, self.objects.frames(), Some(frame.world_from_camera()))?;
+        let camera_frame = self.predicted(frame.as_borrowed())?;
+        let mut working = self.working_frame(&camera_frame);
+        let placed = self.place(&mut working, self.objects.frames(), Some(frame.world_from_camera()))?;
         self.step_placed(&working, placed)
     }
 
@@ -83,8 +88,9 @@ impl Pipeline {
     /// # Errors
     /// As [`Self::step`].
     pub fn step_unposed(&mut self, frame: CameraFrame<'_>) -> Result<FrameResult, PipelineError> {
-        let working = self.working_frame(&frame);
-        let placed = self.place(&working, self.objects.frames(), None)?;
+        let frame = self.predicted(frame)?;
+        let mut working = self.working_frame(&frame);
+        let placed = self.place(&mut working, self.objects.frames(), None)?;
         self.step_placed(&working, placed)
     }
 
@@ -92,6 +98,14 @@ impl Pipeline {
     /// from 0, and its pose. The map moves with them before the next frame is processed. Tracked poses are not changed.
     pub fn correct_poses(&mut self, corrected: &[(usize, Pose)]) {
         self.corrected.extend(corrected.iter().copied());
+    }
+
+    /// The frame with predicted depth, if depth is to be predicted.
+    fn predicted<'a>(&mut self, frame: CameraFrame<'a>) -> Result<CameraFrame<'a>, PipelineError> {
+        let Some(depth) = &mut self.depth else { return Ok(frame) };
+        let name = frame.name().to_owned();
+        in_thread_pool(|| depth.predicted(frame))
+            .map_err(|source| PipelineError::Depth { frame: name, source: Box::new(source) })
     }
 
     /// The frame as it is processed.
@@ -112,14 +126,21 @@ impl Pipeline {
     /// Determines the pose of a frame, and passes what has become known with it to the method.
     pub(super) fn place(
         &mut self,
-        frame: &WorkingFrame<'_>,
+        frame: &mut WorkingFrame<'_>,
         index: usize,
         given: Option<&Pose>,
     ) -> Result<Placed, PoseSourceError> {
+        if let Some(depth) = &mut self.depth {
+            let memory = self.method.memory();
+            in_thread_pool(|| depth.fit(frame, memory, given));
+        }
         let corrected: Vec<(usize, Pose)> = std::mem::take(&mut self.corrected).into_iter().collect();
         let input = PoseInput { index, given, corrected: &corrected };
         let (update, time) = timed(|| in_thread_pool(|| self.poses.pose(frame.working(), input)));
         let PoseUpdate { pose, anchor, correction, events, doubts, turn } = update?;
+        if let Some(depth) = &mut self.depth {
+            depth.placed(&pose.world_from_camera);
+        }
         let remapped = correction.map_or_else(Vec::new, |correction| self.method.correct_map(&correction));
         if !remapped.is_empty() {
             self.poses.receive(MethodFindings { remapped: &remapped, segments: None });

@@ -38,12 +38,19 @@ impl WorkingResolution {
 /// A frame as it came and as it is processed: reduced, unless it is small enough.
 pub(super) struct WorkingFrame<'a> {
     pub(super) whole: CameraFrame<'a>,
-    reduced: Option<CameraFrame<'static>>,
+    pub(super) reduced: Option<CameraFrame<'static>>,
+    /// True if the whole frame differs from the one that came.
+    pub(super) is_changed: bool,
 }
 
 impl<'a> WorkingFrame<'a> {
     pub(super) fn new(whole: &'a CameraFrame<'_>, reduced: Option<CameraFrame<'static>>) -> Self {
-        Self { whole: whole.as_borrowed(), reduced }
+        Self { whole: whole.as_borrowed(), reduced, is_changed: false }
+    }
+
+    /// The whole frame, if it differs from the one that came.
+    pub(super) fn into_changed(self) -> Option<CameraFrame<'static>> {
+        self.is_changed.then(|| self.whole.into_owned())
     }
 
     pub(super) fn into_reduced(self) -> Option<CameraFrame<'static>> {

@@ -21,17 +21,17 @@ mod toml_table;
 mod usage;
 
 pub use crate::parts::{
-    ChosenValues, Entry, MaskFolderSettings, MethodName, MethodSettings, MissingFile, NamerSettings, RegisterError,
-    Requirement, SegmenterSettings, SettingsInput, TrackerSettings,
+    ChosenValues, DepthPredictorSettings, Entry, MaskFolderSettings, MethodName, MethodSettings, MissingFile,
+    NamerSettings, RegisterError, Requirement, SegmenterSettings, SettingsInput, TrackerSettings,
 };
 pub use document::{DescribedSetting, describe_settings, described_settings, markdown, settings_text};
 pub use error::SettingsError;
 pub use layers::SettingsLayers;
 pub use preset::MethodPreset;
-pub use registration::{register_namer, register_segmenter, register_tracker};
+pub use registration::{register_depth_predictor, register_namer, register_segmenter, register_tracker};
 pub use registry::{describe, entries};
 
-use crate::pipeline::Rotate;
+use crate::pipeline::{PredictedDepthUse, Rotate};
 use splatseg_dataset::DatasetSettings;
 use splatseg_files::MemoryLimit;
 use splatseg_models::device::{DeviceError, DeviceName, HAS_NETWORKS};
@@ -52,6 +52,8 @@ pub struct Settings {
     pub segmenter: SegmenterSettings,
     /// The namer, if objects are to be named.
     pub namer: Option<NamerSettings>,
+    /// The depth predictor, if depth is to be predicted.
+    pub depth_predictor: Option<DepthPredictorSettings>,
     /// Settings for reading the scene.
     pub dataset: DatasetSettings,
     /// Settings of every run.
@@ -77,6 +79,9 @@ settings! {
         /// see a reduced frame, and results are enlarged to its size along the edges of colour and depth. Segmenters that
         /// need all pixels see the whole frame.
         working_pixels: usize = 76_800, Allowed::between(1024.0, 67_108_864.0), only "method = fastsam-splat";
+        /// Where predicted depth is used. `holes`: where the sensor has measured nothing, if the prediction agrees with it around
+        /// there. `all`: in place of measured depth; it is fitted to the map.
+        predicted_depth: PredictedDepthUse = PredictedDepthUse::Holes, Allowed::Names(PredictedDepthUse::NAMES);
         /// How finely frames are segmented: `coarse` for fewer and larger segments, `fine` for more and smaller ones. It shifts
         /// the log-odds at which two parts become one, `affinity.threshold` or `graph.borders.bias`, by 1.
         detail: Detail = Detail::Normal, Allowed::Names(Detail::NAMES);
@@ -122,18 +127,21 @@ impl Settings {
         self.method.validate()?;
         self.segmenter.validate()?;
         self.namer.as_ref().map_or(Ok(()), NamerSettings::validate)?;
+        self.depth_predictor.as_ref().map_or(Ok(()), DepthPredictorSettings::validate)?;
         self.dataset.validate()?;
         self.run.validate()?;
         let segmenter = self.method.uses_segmenter().then_some(&self.segmenter);
         let tracker = self.method.tracker();
         let needs_networks = segmenter.is_some_and(SegmenterSettings::needs_networks)
             || tracker.is_some_and(TrackerSettings::needs_networks)
-            || self.namer.as_ref().is_some_and(NamerSettings::needs_networks);
+            || self.namer.as_ref().is_some_and(NamerSettings::needs_networks)
+            || self.depth_predictor.as_ref().is_some_and(DepthPredictorSettings::needs_networks);
         if needs_networks && !HAS_NETWORKS {
             return Err(DeviceError::NoNetworks.into());
         }
         let missing = segmenter.and_then(SegmenterSettings::missing_input);
         let missing = missing.or_else(|| tracker?.missing_input()).or_else(|| self.namer.as_ref()?.missing_input());
+        let missing = missing.or_else(|| self.depth_predictor.as_ref()?.missing_input());
         if let Some(missing) = missing {
             return Err(SettingsError::Missing(missing));
         }
@@ -148,6 +156,7 @@ impl Settings {
         let segments = self.method.uses_segmenter() && self.segmenter.is_network();
         let tracks = self.method.tracker().is_some_and(TrackerSettings::is_network);
         let names = self.namer.as_ref().is_some_and(NamerSettings::is_network);
-        (segments || tracks || names).then_some(self.run.device)
+        let predicts = self.depth_predictor.as_ref().is_some_and(DepthPredictorSettings::is_network);
+        (segments || tracks || names || predicts).then_some(self.run.device)
     }
 }

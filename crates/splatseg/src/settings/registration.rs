@@ -1,7 +1,8 @@
-//! Segmenters, trackers and namers of other crates, chosen by their names like the built-in ones.
+//! Segmenters, trackers, namers and depth predictors of other crates, chosen by their names like the built-in ones.
 
 use super::entries;
 use crate::parts::{Namer, PartKind, PartSection, RegisterError};
+use splatseg_depth::DepthPredictor;
 use splatseg_segmenter::Segmenter;
 use splatseg_tracking::Tracker;
 use std::sync::{Mutex, PoisonError};
@@ -30,6 +31,14 @@ pub fn register_tracker<S: PartSection<dyn Tracker>>() -> Result<(), RegisterErr
 /// As [`register_segmenter`].
 pub fn register_namer<S: PartSection<dyn Namer>>() -> Result<(), RegisterError> {
     register::<dyn Namer, S>()
+}
+
+/// Adds a depth predictor to those that the setting `depth_predictor` chooses from, as [`register_segmenter`] does.
+///
+/// # Errors
+/// As [`register_segmenter`].
+pub fn register_depth_predictor<S: PartSection<dyn DepthPredictor>>() -> Result<(), RegisterError> {
+    register::<dyn DepthPredictor, S>()
 }
 
 fn register<T: PartKind + ?Sized, S: PartSection<T>>() -> Result<(), RegisterError> {

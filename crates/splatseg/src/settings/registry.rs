@@ -2,8 +2,9 @@
 
 use super::RunSettings;
 use crate::parts::{ChosenValues, Entry, Namer, Part, PartKind, Registry, Requirement};
-use crate::parts::{methods, namers, segmenters, trackers};
+use crate::parts::{depth_predictors, methods, namers, segmenters, trackers};
 use splatseg_dataset::DatasetSettings;
+use splatseg_depth::DepthPredictor;
 use splatseg_segmenter::Segmenter;
 use splatseg_settings::Section;
 use splatseg_tracking::Tracker;
@@ -14,7 +15,15 @@ pub fn entries() -> Vec<Entry> {
     methods::add_choice(&mut registry);
     segmenters::add_choice(&mut registry);
     registry.add(RunSettings::fields(), &[]);
-    let mut networks = vec![networks_of::<dyn Segmenter>(), networks_of::<dyn Tracker>(), networks_of::<dyn Namer>()];
+    let predictors = Part::<dyn DepthPredictor>::all().into_iter().map(|part| part.name).collect();
+    let with_predictor = ChosenValues { key: <dyn DepthPredictor>::KEY, values: predictors };
+    registry.require("predicted_depth", Requirement::OneOf(vec![with_predictor]));
+    let mut networks = vec![
+        networks_of::<dyn Segmenter>(),
+        networks_of::<dyn Tracker>(),
+        networks_of::<dyn Namer>(),
+        networks_of::<dyn DepthPredictor>(),
+    ];
     networks.retain(|choice| !choice.values.is_empty());
     registry.require("device", Requirement::OneOf(networks));
     let with_detail = ChosenValues { key: <dyn Segmenter>::KEY, values: segmenters::WITH_DETAIL.to_vec() };
@@ -24,6 +33,7 @@ pub fn entries() -> Vec<Entry> {
     trackers::add_settings(&mut registry, &methods::WITH_TRACKER);
     segmenters::add_settings(&mut registry);
     namers::add_settings(&mut registry);
+    depth_predictors::add_settings(&mut registry);
     let mut entries = registry.entries;
     // A stable sort: the top level first, then each section in one piece.
     let order: Vec<&str> = entries.iter().map(|entry| entry.field.section).collect();

@@ -2,7 +2,10 @@
 
 use super::toml_table::value_mut;
 use super::usage::{Usage, only_used, with_preset};
-use super::{Entry, MethodSettings, NamerSettings, RunSettings, SegmenterSettings, Settings, SettingsError, entries};
+use super::{
+    DepthPredictorSettings, Entry, MethodSettings, NamerSettings, RunSettings, SegmenterSettings, Settings,
+    SettingsError, entries,
+};
 use crate::parts::section;
 use serde::de::Error as _;
 use serde::ser::Error as _;
@@ -43,6 +46,7 @@ impl Settings {
             method: MethodSettings::from_table(table)?,
             segmenter: SegmenterSettings::from_table(table)?,
             namer: NamerSettings::from_table(table)?,
+            depth_predictor: DepthPredictorSettings::from_table(table)?,
             dataset: section(table)?,
             run: section(table)?,
         })
@@ -66,14 +70,17 @@ impl Serialize for Settings {
             segmenter: &'a SegmenterSettings,
             #[serde(flatten)]
             namer: Option<&'a NamerSettings>,
+            #[serde(flatten)]
+            depth_predictor: Option<&'a DepthPredictorSettings>,
             dataset: &'a DatasetSettings,
             #[serde(flatten)]
             run: &'a RunSettings,
         }
-        let Self { method, segmenter, namer, dataset, run } = self;
+        let Self { method, segmenter, namer, depth_predictor, dataset, run } = self;
+        let (namer, depth_predictor) = (namer.as_ref(), depth_predictor.as_ref());
         // Converted through text, in which the `f32` 0.3 stays 0.3.
-        let text = toml::to_string(&AllSettings { method, segmenter, namer: namer.as_ref(), dataset, run })
-            .map_err(S::Error::custom)?;
+        let all = AllSettings { method, segmenter, namer, depth_predictor, dataset, run };
+        let text = toml::to_string(&all).map_err(S::Error::custom)?;
         let table: Table = text.parse().map_err(S::Error::custom)?;
         only_used(&table, &entries()).serialize(serializer)
     }

@@ -4,6 +4,7 @@ mod late_results;
 mod lost_camera;
 mod method_preset;
 mod names;
+mod predicted_depth;
 mod registered_parts;
 mod tiny_clip;
 mod turned_frames;

@@ -1,0 +1,148 @@
+//! Predicted depth: where it is used, and what makes it fit.
+//!
+//! The prediction depends on nothing but the frame, so it is made ahead, before the frame is segmented. In the holes of a
+//! sensor it is fitted to what was measured around them. In place of a sensor it is fitted to the map, once it is known
+//! where the camera is, about: otherwise the scale of every frame would be another one, and surfaces would be doubled.
+
+use super::working_resolution::WorkingFrame;
+use splatseg_depth::{DepthFit, DepthPredictor, DepthPredictorError, FitPrior, PredictedDepth, filled};
+use splatseg_geometry::{CameraFrame, CowImage, Image, Pose, RgbdFrame};
+use splatseg_memory::SplatMemory;
+use splatseg_settings::choices;
+
+choices! {
+    /// Where predicted depth is used.
+    pub enum PredictedDepthUse, default Holes {
+        /// Where the sensor has measured nothing, if the prediction agrees with the measurements around there.
+        Holes = "holes",
+        /// Everywhere, in place of measured depth.
+        All = "all",
+    }
+}
+
+/// The map is compared at this width, pixels.
+const COMPARED_WIDTH: usize = 96;
+
+/// A fit that could compare less than this share of a frame says nothing about the scale of later frames.
+const MIN_COMPARED: f32 = 0.2;
+
+/// A depth predictor, and what is known of its scale.
+pub(super) struct DepthStage {
+    predictor: Box<dyn DepthPredictor>,
+    used: PredictedDepthUse,
+    prior: FitPrior,
+    /// The last two poses, newest first.
+    last: [Option<Pose>; 2],
+}
+
+impl DepthStage {
+    pub(super) fn new(predictor: Box<dyn DepthPredictor>, used: PredictedDepthUse) -> Self {
+        Self { predictor, used, prior: FitPrior::default(), last: [None; 2] }
+    }
+
+    /// True if no measured depth is used.
+    pub(super) fn predicts_all(&self) -> bool {
+        self.used == PredictedDepthUse::All
+    }
+
+    /// The frame with predicted depth.
+    ///
+    /// # Errors
+    /// If the predictor fails.
+    pub(super) fn predicted<'a>(&mut self, frame: CameraFrame<'a>) -> Result<CameraFrame<'a>, DepthPredictorError> {
+        let prediction = self.predictor.predict(&frame)?.checked(self.predictor.name(), &frame)?;
+        let (depth, predicted) = match self.used {
+            PredictedDepthUse::Holes => match filled(frame.depth(), &prediction) {
+                Some(filled) => (filled.depth, filled.predicted),
+                None => return Ok(frame),
+            },
+            PredictedDepthUse::All => {
+                let PredictedDepth { depth, .. } = prediction;
+                let predicted = Image::filled(depth.width(), depth.height(), true);
+                (depth, predicted)
+            }
+        };
+        Ok(with_depth(frame, depth, predicted))
+    }
+
+    /// Fits the depth of a frame to the map, about at the pose where the camera is, or at the one that it is expected to
+    /// have.
+    pub(super) fn fit(&mut self, frame: &mut WorkingFrame<'_>, memory: Option<&SplatMemory>, given: Option<&Pose>) {
+        if !self.predicts_all() {
+            return;
+        }
+        let pose = given.copied().or_else(|| self.expected_pose());
+        let fit = match (memory, pose) {
+            (Some(memory), Some(pose)) => {
+                let working = frame.working();
+                let width = COMPARED_WIDTH.min(working.width());
+                let height = (working.height() * width / working.width()).max(1);
+                let known = memory.expected_depth(&working.intrinsics().resized(width, height), &pose);
+                DepthFit::new(working.depth(), &known, self.prior)
+            }
+            _ => DepthFit::of_prior(self.prior),
+        };
+        if fit.compared >= MIN_COMPARED {
+            self.prior = fit.prior();
+        }
+        tracing::debug!(
+            compared = fit.compared,
+            error = fit.error,
+            scale = fit.prior().scale,
+            shift = fit.prior().shift
+        );
+        frame.change_depth(|depth| fit.apply(depth));
+    }
+
+    /// Records where a frame was taken.
+    pub(super) fn placed(&mut self, pose: &Pose) {
+        self.last = [Some(*pose), self.last[0]];
+    }
+
+    /// The pose of the next frame if the camera moves on as before.
+    fn expected_pose(&self) -> Option<Pose> {
+        match self.last {
+            [Some(newest), Some(before)] => Some(newest * (before.inverse() * newest)),
+            [newest, _] => newest,
+        }
+    }
+}
+
+/// Depth of frames that are read again: see [`Pipeline::take_depth_again`](super::Pipeline::take_depth_again).
+pub struct DepthAgain(pub(super) DepthStage);
+
+impl DepthAgain {
+    /// The frame with its holes filled.
+    ///
+    /// # Errors
+    /// If the predictor fails.
+    pub fn frame(&mut self, frame: RgbdFrame<'static>) -> Result<RgbdFrame<'static>, DepthPredictorError> {
+        let pose = *frame.world_from_camera();
+        Ok(self.0.predicted(frame.into_camera_frame())?.at(pose))
+    }
+}
+
+/// A frame with other depth, whose size is that of the frame.
+fn with_depth<'a>(
+    frame: CameraFrame<'a>,
+    depth: impl Into<CowImage<'a, f32>>,
+    predicted: impl Into<CowImage<'a, bool>>,
+) -> CameraFrame<'a> {
+    frame.clone().with_predicted_depth(depth.into(), predicted.into()).unwrap_or(frame)
+}
+
+impl WorkingFrame<'_> {
+    /// Changes the predicted depth of the frame.
+    fn change_depth(&mut self, change: impl Fn(&CowImage<'_, f32>) -> Image<f32>) {
+        let changed = |frame: &CameraFrame<'_>| {
+            let predicted = frame.predicted()?.clone().into_owned();
+            frame.clone().into_owned().with_predicted_depth(change(frame.depth()), predicted).ok()
+        };
+        if let Some(whole) = changed(&self.whole) {
+            (self.whole, self.is_changed) = (whole, true);
+        }
+        if let Some(reduced) = self.reduced.as_ref().and_then(changed) {
+            self.reduced = Some(reduced);
+        }
+    }
+}
