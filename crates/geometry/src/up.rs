@@ -2,7 +2,7 @@
 
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::Pose;
+use crate::Pose;
 
 /// Weight of the cameras' mean up direction, relative to the term of their x axes.
 const WEIGHT_OF_MEAN: f32 = 0.02;
