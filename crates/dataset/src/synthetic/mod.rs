@@ -13,6 +13,7 @@ mod scenery;
 mod settings;
 mod solids;
 mod speed;
+mod surfaces;
 mod texture;
 mod thing;
 mod tour;
