@@ -55,8 +55,7 @@ impl<'a> DepthView<'a> {
         let place = |along: f32, focal: f32, middle: f32| focal * along / centre.z.max(depth) + middle;
         let (column, row) = (place(centre.x, camera.fx, camera.cx), place(centre.y, camera.fy, camera.cy));
         let is_close = centre.z < 2.0 * radius;
-        is_close
-            || (column > -reach && row > -reach && column < width as f32 + reach && row < height as f32 + reach)
+        is_close || (column > -reach && row > -reach && column < width as f32 + reach && row < height as f32 + reach)
     }
 }
 
@@ -102,10 +101,7 @@ fn add_to_block(
             continue;
         }
         let per_depth = point.z.recip();
-        let place = Vec2::new(
-            camera.fx * point.x * per_depth + camera.cx,
-            camera.fy * point.y * per_depth + camera.cy,
-        );
+        let place = Vec2::new(camera.fx * point.x * per_depth + camera.cx, camera.fy * point.y * per_depth + camera.cy);
         let pixel = (place + 0.5).floor();
         if !(pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < width as f32 && pixel.y < height as f32) {
             continue;

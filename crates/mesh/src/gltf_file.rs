@@ -60,12 +60,14 @@ pub fn write_glb(
 impl Content {
     /// Adds a node for an object.
     fn add(&mut self, part: &TriangleMesh, id: SegmentId, object: Option<&GltfObject>) -> io::Result<()> {
-        let floats = |values: &[Vec3]| values.iter().flat_map(|value| value.to_array()).flat_map(f32::to_le_bytes).collect();
+        let floats =
+            |values: &[Vec3]| values.iter().flat_map(|value| value.to_array()).flat_map(f32::to_le_bytes).collect();
         let count = part.positions.len();
         let position = self.array(floats(&part.positions), ARRAY_BUFFER, (FLOAT, "VEC3", count))?;
-        let (min, max) = part.positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), place| {
-            (min.min(*place), max.max(*place))
-        });
+        let (min, max) = part
+            .positions
+            .iter()
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), place| (min.min(*place), max.max(*place)));
         self.accessors[position]["min"] = json!(min.to_array());
         self.accessors[position]["max"] = json!(max.to_array());
         let normal = self.array(floats(&part.normals()), ARRAY_BUFFER, (FLOAT, "VEC3", count))?;
@@ -195,7 +197,8 @@ mod tests {
         assert_eq!(&file[20 + length + 4..20 + length + 8], b"BIN\0");
         let binary = &file[20 + length + 8..];
         assert_eq!(document["buffers"][0]["byteLength"], json!(binary.len()));
-        let names: Vec<&str> = document["nodes"].as_array().unwrap().iter().map(|node| node["name"].as_str().unwrap()).collect();
+        let names: Vec<&str> =
+            document["nodes"].as_array().unwrap().iter().map(|node| node["name"].as_str().unwrap()).collect();
         assert_eq!(names, ["map", "no object", "mug (7)"]);
         assert_eq!(document["nodes"][2]["extras"], json!({ "id": 7, "label": "mug" }));
         // World z becomes y: (3e6, 0, 7) is at (3e6, 7, 0).

@@ -40,9 +40,9 @@ pub(crate) fn vertex_colors(
 
 /// A ball around points: not the smallest.
 fn ball_around(points: &[Vec3]) -> (Vec3, f32) {
-    let (min, max) = points.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), point| {
-        (min.min(*point), max.max(*point))
-    });
+    let (min, max) = points
+        .iter()
+        .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(min, max), point| (min.min(*point), max.max(*point)));
     (0.5 * (min + max), 0.5 * min.distance(max))
 }
 

@@ -55,7 +55,9 @@ mod tests {
         for frame in [0, 17, 40] {
             let (image, scenery) = (scene.cast_rays(frame), scene.scenery.at(frame, &scene.movers));
             let caster = Caster { scenery: &scenery, intrinsics: scene.intrinsics, pose: scene.camera_pose(frame) };
-            for (column, row) in (0..240).step_by(7).flat_map(|row| (0..320).step_by(9).map(move |column| (column, row))) {
+            for (column, row) in
+                (0..240).step_by(7).flat_map(|row| (0..320).step_by(9).map(move |column| (column, row)))
+            {
                 let ray = caster.direction((column, row));
                 let depth = image[(column, row)].depth;
                 let at = |along: f32| scene.distance_to_surface(caster.pose.translation() + ray * along, frame);

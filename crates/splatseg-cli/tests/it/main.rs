@@ -12,6 +12,7 @@ mod default_out;
 mod devices;
 mod evaluation;
 mod export;
+mod export_mesh;
 mod final_pass;
 mod find;
 mod help;

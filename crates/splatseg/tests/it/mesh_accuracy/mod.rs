@@ -59,7 +59,11 @@ pub fn mapped(scene: &SyntheticScene, poses: &str, path: &Path) -> Result<PathBu
 
 /// Compares a mesh with the surfaces of a scene. The map's world is put over the scene's by the pose of the first keyframe,
 /// which is that of the first frame.
-pub fn errors(mesh: &TriangleMesh, keyframes: &[KeyframeView], scene: &SyntheticScene) -> Result<Errors, Box<dyn Error>> {
+pub fn errors(
+    mesh: &TriangleMesh,
+    keyframes: &[KeyframeView],
+    scene: &SyntheticScene,
+) -> Result<Errors, Box<dyn Error>> {
     let first = keyframes.first().ok_or("no keyframes")?;
     let exact = SyntheticScene::new(SyntheticSettings { noise: Noise::None, ..scene.settings().clone() })?;
     let scene_from_map = *exact.read_frame(0)?.world_from_camera() * first.world_from_camera.inverse();
