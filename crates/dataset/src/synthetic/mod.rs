@@ -115,6 +115,11 @@ impl SyntheticScene {
         self.scenery.things().map(Thing::from).collect()
     }
 
+    /// Returns the thing that a thing stands on; `None` if it stands on the floor.
+    pub fn carrier(&self, id: SegmentId) -> Option<SegmentId> {
+        self.scenery.carriers.get(&id).copied()
+    }
+
     /// Returns the groups of twins: things of equal shape, size and texture, two or more in each group, by increasing id.
     /// A [`Layout::Room`] has none, apart from things that are equal by chance.
     pub fn twins(&self) -> &[Vec<SegmentId>] {
