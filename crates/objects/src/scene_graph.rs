@@ -58,7 +58,7 @@ pub struct SceneObject {
 /// When and where an object was last seen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LastSeen {
-    /// Number of the frame, counted over all runs of the map, from 1; null if unknown.
+    /// Number of the frame, counted over all runs of the map, from 0; null if unknown.
     pub frame: Option<u32>,
     /// Time of the frame, seconds, as the scene stamps it; null if unknown. Maps do not keep times.
     pub time_s: Option<f64>,

@@ -2,6 +2,7 @@
 
 use super::Failure;
 use super::export_mesh::{MeshOptions, export_mesh};
+use super::export_scene_graph::export_scene_graph;
 use super::input_paths::{InputPaths, real_path};
 use super::output_folder::{CreatedFolders, OverwritePolicy};
 use super::run::FileKind;
@@ -26,7 +27,8 @@ const RANGES_IN_MESSAGES: usize = 20;
     splatseg export map.ply --out objects.ply --color id --as points\n  \
     splatseg export map.ply --id 7,9 --out two.ply\n  \
     splatseg export map.ply --object-files objects --min-confidence 0.7\n  \
-    splatseg export map.ply --as mesh --out home.glb")]
+    splatseg export map.ply --as mesh --out home.glb\n  \
+    splatseg export map.ply --as scene-graph --out home.json")]
 pub struct ExportArguments {
     /// A memory saved by `run --save-memory`
     pub map: PathBuf,
@@ -48,7 +50,7 @@ pub struct ExportArguments {
     /// Leave out Gaussians with a lower confidence in their object, from 0 to 1
     #[arg(long, value_name = "X", default_value_t = 0.0)]
     pub min_confidence: f32,
-    /// Replace existing PLY files, or glTF files
+    /// Replace an existing file of the same kind
     #[arg(long)]
     pub overwrite: bool,
     #[command(flatten)]
@@ -73,6 +75,8 @@ pub enum Form {
     Points,
     /// A triangle mesh of the surfaces, from the depth of the map's keyframes
     Mesh,
+    /// Rooms, objects and their relations, as JSON
+    SceneGraph,
 }
 
 /// Writes the files.
@@ -85,6 +89,9 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
         return export_mesh(arguments);
     }
     arguments.mesh.require_none()?;
+    if arguments.form == Form::SceneGraph {
+        return export_scene_graph(arguments);
+    }
     let places = Places::new(arguments);
     if let Some(out) = &arguments.out {
         places.check(out, FileKind::MEMORY)?;

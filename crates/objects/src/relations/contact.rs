@@ -7,12 +7,16 @@ use glam::Vec2;
 const LEVEL: f32 = 0.025;
 /// The surface that something stands on is looked for this far beyond its footprint, metres.
 const BEYOND: f32 = 0.15;
+/// Below a foot nothing is this close to it, metres, but the sides of a thing that is not much larger.
+const RIGHT_BESIDE: f32 = 0.05;
 /// What is lower than this, metres, has no certain foot: it could be a stain or a sheet of paper.
 const LOWEST: f32 = 0.04;
 /// Directions, of eight, in which the surface must be seen around a foot...
 const AROUND_FOOT: usize = 5;
 /// ...or around the lower part of something that is in it.
-const AROUND_LOWER_PART: usize = 7;
+const AROUND_LOWER_PART: usize = 8;
+/// Larger things are furniture and walls with a recess rather than containers: their longest level side, metres.
+const LARGEST_CONTAINER: f32 = 1.0;
 /// A container is at most this far beyond what is in it, metres...
 const IN_REACH: f32 = 0.25;
 /// ...and has its walls this high above the bottom at least, as a share of the height of what is in it.
@@ -25,6 +29,8 @@ const COVERED: f32 = 0.9;
 const CELL: f32 = 0.06;
 /// Larger things are walls, floors, ceilings: nothing is under them, square metres.
 const LARGEST_COVER: f32 = 3.0;
+/// What covers something is at least this much larger than its footprint, and not higher than wide.
+const COVER_SHARE: f32 = 2.0;
 /// What is beside something is at most this far away, metres.
 const BESIDE: f32 = 0.2;
 /// Things beside each other overlap in height by this share of the lower one.
@@ -43,6 +49,8 @@ pub(super) struct Surroundings {
     has_foot: bool,
     /// Some of the other's surface is below the foot, in the footprint.
     is_below: bool,
+    /// The other one is small enough to be a container.
+    may_contain: bool,
 }
 
 impl Surroundings {
@@ -51,13 +59,14 @@ impl Surroundings {
     }
 
     pub(super) fn is_around_lower_part(&self) -> bool {
-        self.has_foot && self.is_below && self.at_lower_part >= AROUND_LOWER_PART
+        self.has_foot && self.is_below && self.may_contain && self.at_lower_part >= AROUND_LOWER_PART
     }
 }
 
 /// Looks for the surface of `other` around an object.
 pub(super) fn surroundings(object: &Upright, other: &Upright) -> Surroundings {
-    let (mut level, mut higher, mut beside) = ([0u32; SECTORS], [0u32; SECTORS], [false; SECTORS]);
+    let (mut level, mut higher, mut lower) = ([0u32; SECTORS], [0u32; SECTORS], [0u32; SECTORS]);
+    let mut beside = [false; SECTORS];
     let mut is_below = false;
     let low = object.bottom + IN_HEIGHT * object.height();
     for point in &other.points {
@@ -70,18 +79,26 @@ pub(super) fn surroundings(object: &Upright, other: &Upright) -> Surroundings {
                 level[direction] += 1;
             } else if above > LEVEL && point.z < object.top {
                 higher[direction] += 1;
+            } else if beyond <= RIGHT_BESIDE && (-BEYOND..0.0).contains(&above) {
+                lower[direction] += 1;
             }
         }
         let in_reach = (-0.03..=IN_REACH).contains(&beyond);
         beside[direction] |= in_reach && point.z > low && point.z < object.top + object.height();
         is_below |= beyond <= 0.0 && (-0.1..=LEVEL).contains(&above);
     }
-    let at_foot = (0..SECTORS).filter(|direction| level[*direction] > 0 && level[*direction] >= higher[*direction]);
+    // A wall is as much above and below the foot as beside it.
+    let is_level = |direction: &usize| {
+        let count = level[*direction];
+        count > 0 && count >= higher[*direction] && count >= lower[*direction]
+    };
+    let at_foot = (0..SECTORS).filter(is_level);
     Surroundings {
         at_foot: at_foot.count(),
         at_lower_part: beside.into_iter().filter(|is_there| *is_there).count(),
         has_foot: object.height() >= LOWEST,
         is_below,
+        may_contain: (other.max - other.min).max_element() <= LARGEST_CONTAINER,
     }
 }
 
@@ -89,6 +106,10 @@ pub(super) fn surroundings(object: &Upright, other: &Upright) -> Surroundings {
 pub(super) fn is_under(object: &Upright, other: &Upright) -> bool {
     let apart = other.top - object.top;
     if object.height() < LOWEST || apart < UNDER.0 || other.footprint() > LARGEST_COVER {
+        return false;
+    }
+    let is_tall = other.height() > (other.max - other.min).min_element();
+    if is_tall || other.footprint() < COVER_SHARE * object.footprint() {
         return false;
     }
     if object.min.cmplt(other.min - CELL).any() || object.max.cmpgt(other.max + CELL).any() {

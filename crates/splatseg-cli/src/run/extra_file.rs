@@ -27,6 +27,13 @@ impl FileKind {
         Self { option: "--save-memory", content: "the memory", name: "a saved memory", starts: &[b"ply"] };
     /// A mesh as binary glTF.
     pub const GLTF: Self = Self { option: "--out", content: "the mesh", name: "a glTF file", starts: &[b"glTF"] };
+    /// A scene graph.
+    pub const SCENE_GRAPH: Self = Self {
+        option: "--out",
+        content: "the scene graph",
+        name: "a scene graph by splatseg",
+        starts: &[b"{\n  \"format\": \"splatseg-scene-graph\""],
+    };
     /// The map of a live session.
     pub const MAP: Self = Self { option: "--map", content: "the map", name: "a saved memory", starts: &[b"ply"] };
     /// A COCO file with all masks.
@@ -50,7 +57,7 @@ impl FileKind {
 
     /// What `export` calls such a file.
     pub fn of_exports(&self) -> &'static str {
-        if self.starts == Self::GLTF.starts { self.name } else { "a PLY file" }
+        if self.option == Self::MEMORY.option { "a PLY file" } else { self.name }
     }
 
     /// Returns true if the file at `path` has the first bytes of this kind.

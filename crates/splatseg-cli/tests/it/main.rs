@@ -13,6 +13,7 @@ mod devices;
 mod evaluation;
 mod export;
 mod export_mesh;
+mod export_scene_graph;
 mod final_pass;
 mod find;
 mod help;

@@ -14,6 +14,7 @@ mod late;
 mod named_map;
 mod naming;
 mod naming_beside;
+mod relations;
 mod rotate;
 mod stage_times;
 mod stages;
