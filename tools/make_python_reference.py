@@ -22,6 +22,7 @@ SECTIONS = {
     "Scenes": ["open_scene", "Scene", "Frame"],
     "Segmenters": ["Segmenter", "Affinity", "Graph", "FastSam"],
     "The map": ["Memory", "read_state"],
+    "Scene graph": ["load_scene_graph", "SceneGraph", "SceneObject", "SceneRoom", "LastSeen", "Relation"],
     "Scores": ["evaluate", "Scores"],
     "SAM 2.1 alone": ["Sam2", "Tracks"],
     "Live": ["Live"],

@@ -22,6 +22,7 @@ mod evidence;
 mod features;
 mod growth;
 mod kind_definitions;
+mod last_seen;
 mod map;
 mod memory_kind;
 mod memory_rules;

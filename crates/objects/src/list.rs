@@ -1,6 +1,9 @@
 //! The content of `objects.json`: every object of a run. `docs/OBJECTS.md` describes each key for users.
 
-use crate::{BoundingBox, LabelScore, ObjectLog, ObjectNames, ObjectShape, SeenObjects, object_shapes};
+use crate::{
+    BoundingBox, LabelScore, ObjectLog, ObjectNames, ObjectShape, Relation, SeenObjects, object_shapes, relations,
+};
+use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use serde_json::ser::Formatter;
 use splatseg_geometry::{MapView, SegmentId};
@@ -31,6 +34,9 @@ pub struct ObjectList {
     /// The others, in the same order: tentative and forgotten ones.
     #[serde(default)]
     pub not_counted: Vec<Object>,
+    /// The relations between those that count which are certain; see [`ObjectList::add_relations`].
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub relations: Vec<Relation>,
 }
 
 /// Numbers of objects by their state.
@@ -199,6 +205,7 @@ impl ObjectList {
             conventions: Conventions::default(),
             objects,
             not_counted,
+            relations: Vec::new(),
         };
         list.sort();
         list
@@ -278,16 +285,30 @@ impl ObjectList {
         }
     }
 
+    /// Adds the relations between the objects that count, from the map that the list was made of. `up` is a unit vector in
+    /// world coordinates.
+    pub fn add_relations(&mut self, map: &MapView<'_>, up: Vec3) {
+        let counted: BTreeSet<SegmentId> = self.objects.iter().map(|object| object.id).collect();
+        let mut found = relations(map, up);
+        found.retain(|one| counted.contains(&one.subject) && counted.contains(&one.object));
+        self.relations = found;
+    }
+
     /// The JSON text, with one line for each object.
     ///
     /// # Errors
     /// No known cause: every value can be serialised.
     pub fn to_json(&self) -> serde_json::Result<String> {
-        let mut bytes = Vec::new();
-        self.serialize(&mut serde_json::Serializer::with_formatter(&mut bytes, OuterLines::default()))?;
-        bytes.push(b'\n');
-        String::from_utf8(bytes).map_err(serde::ser::Error::custom)
+        outer_lines(self)
     }
+}
+
+/// JSON text that breaks lines only at the two outer levels.
+pub(crate) fn outer_lines(value: &impl Serialize) -> serde_json::Result<String> {
+    let mut bytes = Vec::new();
+    value.serialize(&mut serde_json::Serializer::with_formatter(&mut bytes, OuterLines::default()))?;
+    bytes.push(b'\n');
+    String::from_utf8(bytes).map_err(serde::ser::Error::custom)
 }
 
 impl ObjectCounts {

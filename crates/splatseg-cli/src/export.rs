@@ -1,6 +1,8 @@
 //! `splatseg export`: writes the objects of a saved memory as PLY files for other programs.
 
 use super::Failure;
+use super::export_mesh::{MeshOptions, export_mesh};
+use super::export_scene_graph::export_scene_graph;
 use super::input_paths::{InputPaths, real_path};
 use super::output_folder::{CreatedFolders, OverwritePolicy};
 use super::run::FileKind;
@@ -16,7 +18,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Colour of Gaussians without an object when objects are coloured by id.
-const NO_OBJECT: [u8; 3] = [128; 3];
+pub const NO_OBJECT: [u8; 3] = [128; 3];
 /// Maximum number of id ranges listed in a message.
 const RANGES_IN_MESSAGES: usize = 20;
 
@@ -24,20 +26,22 @@ const RANGES_IN_MESSAGES: usize = 20;
 #[command(after_long_help = "Examples:\n  \
     splatseg export map.ply --out objects.ply --color id --as points\n  \
     splatseg export map.ply --id 7,9 --out two.ply\n  \
-    splatseg export map.ply --object-files objects --min-confidence 0.7")]
+    splatseg export map.ply --object-files objects --min-confidence 0.7\n  \
+    splatseg export map.ply --as mesh --out home.glb\n  \
+    splatseg export map.ply --as scene-graph --out home.json")]
 pub struct ExportArguments {
     /// A memory saved by `run --save-memory`
     pub map: PathBuf,
-    /// The file to write
+    /// The file to write; a mesh is written as glTF if the name ends in .glb
     #[arg(long, value_name = "FILE.ply", required_unless_present = "object_files")]
     pub out: Option<PathBuf>,
-    /// Folder for one file per object, named after its id: 7.ply
+    /// Folder for one file per object, named after its id: 7.ply, or 7.glb if --out is a .glb file
     #[arg(long, value_name = "DIR")]
     pub object_files: Option<PathBuf>,
-    /// Only these objects; by default all, and in --out also Gaussians without an object
+    /// Only these objects; by default all, and in --out also what shows no object
     #[arg(long, value_name = "ID,…", value_delimiter = ',')]
     pub id: Vec<SegmentId>,
-    /// Colours of the Gaussians
+    /// Colours of what is written
     #[arg(long, value_enum, default_value_t = Color::True)]
     pub color: Color,
     /// Form of the output
@@ -46,9 +50,11 @@ pub struct ExportArguments {
     /// Leave out Gaussians with a lower confidence in their object, from 0 to 1
     #[arg(long, value_name = "X", default_value_t = 0.0)]
     pub min_confidence: f32,
-    /// Replace existing PLY files
+    /// Replace an existing file of the same kind
     #[arg(long)]
     pub overwrite: bool,
+    #[command(flatten)]
+    pub mesh: MeshOptions,
 }
 
 /// Colours of the exported Gaussians.
@@ -60,13 +66,17 @@ pub enum Color {
     Id,
 }
 
-/// Form of the exported Gaussians.
+/// Form of what is exported.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Form {
     /// 3D Gaussian splatting, for splat viewers
     Gaussians,
     /// A point cloud, for all other programs
     Points,
+    /// A triangle mesh of the surfaces, from the depth of the map's keyframes
+    Mesh,
+    /// Rooms, objects and their relations, as JSON
+    SceneGraph,
 }
 
 /// Writes the files.
@@ -75,9 +85,16 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
     if !(0.0..=1.0).contains(&min_confidence) {
         return Err(Failure::input(format!("--min-confidence: found {min_confidence}, expected a number from 0 to 1")));
     }
+    if arguments.form == Form::Mesh {
+        return export_mesh(arguments);
+    }
+    arguments.mesh.require_none()?;
+    if arguments.form == Form::SceneGraph {
+        return export_scene_graph(arguments);
+    }
     let places = Places::new(arguments);
     if let Some(out) = &arguments.out {
-        places.check(out)?;
+        places.check(out, FileKind::MEMORY)?;
     }
     let file = SplatFile::load(&arguments.map).map_err(Failure::input)?;
     let mut gaussians = exported(&file, arguments)?;
@@ -98,7 +115,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
         return Err(Failure::input(format!("{}: none of the Gaussians left shows an object", arguments.map.display())));
     }
     for (id, path) in &object_files {
-        places.check(path)?;
+        places.check(path, FileKind::MEMORY)?;
         if arguments.out.as_ref().is_some_and(|out| real_path(out) == real_path(path)) {
             return Err(Failure::input(format!("{}: is also the file of object {id}: choose another", path.display())));
         }
@@ -141,16 +158,22 @@ fn exported(file: &SplatFile, arguments: &ExportArguments) -> Result<Vec<MapGaus
     Ok(wanted)
 }
 
+/// Checks that all selected objects are among those that are known. `what` shows them.
+pub fn check_ids(arguments: &ExportArguments, what: &str, known: &BTreeSet<SegmentId>) -> Result<(), Failure> {
+    let unknown: BTreeSet<SegmentId> = arguments.id.iter().filter(|id| !known.contains(id)).copied().collect();
+    if unknown.is_empty() {
+        return Ok(());
+    }
+    let (ids, are) =
+        if known.is_empty() { ("no objects".to_owned(), "there are") } else { (ranges(known), "the ids are") };
+    let map = arguments.map.display();
+    Err(Failure::input(format!("{map}: no {what} shows object {}; {are} {ids}", ranges(&unknown))))
+}
+
 /// Keeps the selected Gaussians.
 fn select(arguments: &ExportArguments, gaussians: &mut Vec<MapGaussian>) -> Result<(), Failure> {
     let map = arguments.map.display();
-    let known = object_ids(gaussians);
-    let unknown: BTreeSet<SegmentId> = arguments.id.iter().filter(|id| !known.contains(id)).copied().collect();
-    if !unknown.is_empty() {
-        let (ids, are) =
-            if known.is_empty() { ("no objects".to_owned(), "there are") } else { (ranges(&known), "the ids are") };
-        return Err(Failure::input(format!("{map}: no Gaussian shows object {}; {are} {ids}", ranges(&unknown))));
-    }
+    check_ids(arguments, "Gaussian", &object_ids(gaussians))?;
     if !arguments.id.is_empty() {
         let wanted: BTreeSet<SegmentId> = arguments.id.iter().copied().collect();
         gaussians.retain(|gaussian| wanted.contains(&gaussian.segment_id));
@@ -193,26 +216,26 @@ fn ranges(ids: &BTreeSet<SegmentId>) -> String {
 
 /// Whether a file is on the disk when it has been written.
 #[derive(Clone, Copy)]
-enum Wait {
+pub enum Wait {
     ForDisk,
     Not,
 }
 
 /// Checks where files may be written, and writes them.
-struct Places {
+pub struct Places {
     inputs: InputPaths,
     existing: OverwritePolicy,
 }
 
 impl Places {
-    fn new(arguments: &ExportArguments) -> Self {
+    pub fn new(arguments: &ExportArguments) -> Self {
         let mut inputs = InputPaths::default();
         inputs.add("the map", &arguments.map);
         Self { inputs, existing: OverwritePolicy::from_flag(arguments.overwrite) }
     }
 
-    /// Checks that a file may be written.
-    fn check(&self, path: &Path) -> Result<(), Failure> {
+    /// Checks that a file may be written, and replaces at most one of its kind.
+    pub fn check(&self, path: &Path, kind: FileKind) -> Result<(), Failure> {
         self.inputs.check_output_file(path)?;
         let wrong = |reason: &str| Err(Failure::input(format!("{}: {reason}", path.display())));
         if path.symlink_metadata().is_err() {
@@ -220,12 +243,14 @@ impl Places {
         }
         match self.existing {
             OverwritePolicy::Keep => wrong("exists: give --overwrite to replace it"),
-            _ if !FileKind::MEMORY.is_kind_of(path) => wrong("exists and is not a PLY file: choose another place"),
+            _ if !kind.is_kind_of(path) => {
+                wrong(&format!("exists and is not {}: choose another place", kind.of_exports()))
+            }
             _ => Ok(()),
         }
     }
 
-    /// Writes a checked file, and creates its folder.
+    /// Writes Gaussians to a checked file, and creates its folder.
     fn write(
         &self,
         path: &Path,
@@ -234,14 +259,21 @@ impl Places {
         gaussians: &[MapGaussian],
         wait: Wait,
     ) -> Result<(), Failure> {
-        let form = match form {
-            Form::Gaussians => ExportedForm::Gaussians,
-            Form::Points => ExportedForm::Points,
-        };
+        let form = if form == Form::Points { ExportedForm::Points } else { ExportedForm::Gaussians };
+        self.write_with(path, wait, |file| write_exported(form, origin, gaussians, file))
+    }
+
+    /// Writes a checked file, and creates its folder.
+    pub fn write_with(
+        &self,
+        path: &Path,
+        wait: Wait,
+        write: impl FnOnce(&mut AtomicFile) -> std::io::Result<()>,
+    ) -> Result<(), Failure> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let written = CreatedFolders::create(folder).and_then(|_created| {
             let mut file = AtomicFile::create(path)?;
-            write_exported(form, origin, gaussians, &mut file)?;
+            write(&mut file)?;
             file.flush()?;
             match (self.existing, wait) {
                 (OverwritePolicy::Keep, Wait::ForDisk) => file.commit_new(),

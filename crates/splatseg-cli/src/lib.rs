@@ -16,6 +16,8 @@ mod eval;
 mod eval_mesh;
 mod eval_trajectory;
 mod export;
+mod export_mesh;
+mod export_scene_graph;
 mod failure;
 mod find;
 mod help_layout;

@@ -18,6 +18,7 @@ pub use splatseg_dataset as dataset;
 pub use splatseg_depth as depth;
 pub use splatseg_geometry as geometry;
 pub use splatseg_memory as memory;
+pub use splatseg_mesh as mesh;
 pub use splatseg_metrics as metrics;
 pub use splatseg_models as models;
 pub use splatseg_objects as objects;

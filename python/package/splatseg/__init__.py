@@ -32,6 +32,7 @@ from .result import StepResult
 from .runs import Run, run
 from .sam2 import Sam2, Tracks
 from .scene import Scene, open_scene
+from .scene_graph import LastSeen, Relation, SceneGraph, SceneObject, SceneRoom, load_scene_graph
 from .segmenters import Affinity, FastSam, Graph, Segmenter
 from .state import read_state
 
@@ -44,6 +45,7 @@ __all__ = [
     "Frame",
     "FrameStamp",
     "Graph",
+    "LastSeen",
     "Live",
     "Memory",
     "Names",
@@ -51,10 +53,14 @@ __all__ = [
     "ObjectSighting",
     "Objects",
     "Pipeline",
+    "Relation",
     "Run",
     "Sam2",
     "Sam2Splat",
     "Scene",
+    "SceneGraph",
+    "SceneObject",
+    "SceneRoom",
     "Scores",
     "Segmenter",
     "Shape",
@@ -63,6 +69,7 @@ __all__ = [
     "Tracks",
     "__version__",
     "evaluate",
+    "load_scene_graph",
     "names",
     "open_scene",
     "read_state",

@@ -13,6 +13,7 @@ mod scenery;
 mod settings;
 mod solids;
 mod speed;
+mod surfaces;
 mod texture;
 mod thing;
 mod tour;
@@ -112,6 +113,11 @@ impl SyntheticScene {
     /// Returns the things in the scene, by increasing id, without walls, floors, ceilings and doors.
     pub fn things(&self) -> Vec<Thing> {
         self.scenery.things().map(Thing::from).collect()
+    }
+
+    /// Returns the thing that a thing stands on; `None` if it stands on the floor.
+    pub fn carrier(&self, id: SegmentId) -> Option<SegmentId> {
+        self.scenery.carriers.get(&id).copied()
     }
 
     /// Returns the groups of twins: things of equal shape, size and texture, two or more in each group, by increasing id.

@@ -76,6 +76,13 @@ pub fn object_shapes(map: &MapView<'_>) -> BTreeMap<SegmentId, ObjectShape> {
     objects.into_par_iter().map(|(id, patches)| (id, shape_of(&patches, map.origin))).collect()
 }
 
+/// The points of each object's surface in the map, without stray ones: metres, relative to the map's origin.
+pub(crate) fn object_points(map: &MapView<'_>) -> BTreeMap<SegmentId, Vec<Vec3>> {
+    let objects: Vec<(SegmentId, Vec<Patch>)> = patches_by_object(map).into_iter().collect();
+    let points = |patches: &[Patch]| without_stray(patches).iter().map(|patch| patch.mean).collect();
+    objects.into_par_iter().map(|(id, patches)| (id, points(&patches))).collect()
+}
+
 /// The shape of an object of at least one patch; patches are relative to `origin`.
 fn shape_of(patches: &[Patch], origin: DVec3) -> ObjectShape {
     let kept = without_stray(patches);

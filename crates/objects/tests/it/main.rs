@@ -4,5 +4,6 @@ mod kept_views;
 mod labelled_rooms;
 mod names;
 mod object_list;
+mod relations;
 mod seen_room;
 mod synthetic_room;

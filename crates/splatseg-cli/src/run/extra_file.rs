@@ -25,6 +25,15 @@ impl FileKind {
     /// A saved memory.
     pub const MEMORY: Self =
         Self { option: "--save-memory", content: "the memory", name: "a saved memory", starts: &[b"ply"] };
+    /// A mesh as binary glTF.
+    pub const GLTF: Self = Self { option: "--out", content: "the mesh", name: "a glTF file", starts: &[b"glTF"] };
+    /// A scene graph.
+    pub const SCENE_GRAPH: Self = Self {
+        option: "--out",
+        content: "the scene graph",
+        name: "a scene graph by splatseg",
+        starts: &[b"{\n  \"format\": \"splatseg-scene-graph\""],
+    };
     /// The map of a live session.
     pub const MAP: Self = Self { option: "--map", content: "the map", name: "a saved memory", starts: &[b"ply"] };
     /// A COCO file with all masks.
@@ -45,6 +54,11 @@ impl FileKind {
     pub const CONVERTED: Self = Self { option: "OUT.mcap", ..Self::MCAP };
     /// The part of the stream that a live session used.
     pub const RECORDING: Self = Self { option: "--record", ..Self::MCAP };
+
+    /// What `export` calls such a file.
+    pub fn of_exports(&self) -> &'static str {
+        if self.option == Self::MEMORY.option { "a PLY file" } else { self.name }
+    }
 
     /// Returns true if the file at `path` has the first bytes of this kind.
     pub fn is_kind_of(&self, path: &Path) -> bool {

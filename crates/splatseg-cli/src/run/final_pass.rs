@@ -154,7 +154,8 @@ impl FinalPass<'_> {
 
     /// Writes the outputs that need the whole run, in place of those of before.
     fn finish(&self, pipeline: &Pipeline, written: &mut WriterOutcome, changes: Option<ChangesSince<'_>>) {
-        let objects = pipeline.object_list();
+        let mut objects = pipeline.object_list();
+        pipeline.add_relations(&mut objects);
         let end = RunEnd {
             scene: &self.job.scene.display().to_string(),
             objects: &objects,

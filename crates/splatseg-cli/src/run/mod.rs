@@ -281,6 +281,7 @@ fn finish_outputs(
     let keyframes = pipeline.keyframes();
     let mut objects = pipeline.object_list();
     history.count_remapped(&mut objects);
+    pipeline.add_relations(&mut objects);
     ended.counts.unjoined_frames = history.unjoined_frames(&keyframes);
     let end = RunEnd {
         scene: &job.scene.display().to_string(),

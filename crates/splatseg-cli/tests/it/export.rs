@@ -18,7 +18,7 @@ fn saved_map(more: &[&str]) -> Vec<u8> {
 }
 
 /// Returns a folder with this memory as `map.ply`.
-fn place() -> tempfile::TempDir {
+pub fn place() -> tempfile::TempDir {
     static MAP: OnceLock<Vec<u8>> = OnceLock::new();
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("map.ply"), MAP.get_or_init(|| saved_map(&[]))).unwrap();
@@ -29,14 +29,14 @@ fn export(folder: &Path, more: &[&str]) -> Ended {
     finish(splatseg().current_dir(folder).args(["export", "map.ply"]).args(more))
 }
 
-fn exported(folder: &Path, more: &[&str]) -> Ended {
+pub fn exported(folder: &Path, more: &[&str]) -> Ended {
     let ended = export(folder, more);
     assert_eq!((ended.code, ended.err.as_str()), (0, ""), "{}", ended.out);
     ended
 }
 
 /// Returns the error of an export that must fail and leave the folder unchanged.
-fn refused(folder: &Path, more: &[&str]) -> String {
+pub fn refused(folder: &Path, more: &[&str]) -> String {
     let before = file_names(folder);
     let ended = export(folder, more);
     assert_eq!((ended.code, ended.out.as_str()), (2, ""), "{}", ended.err);

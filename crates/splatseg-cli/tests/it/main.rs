@@ -12,6 +12,8 @@ mod default_out;
 mod devices;
 mod evaluation;
 mod export;
+mod export_mesh;
+mod export_scene_graph;
 mod final_pass;
 mod find;
 mod help;

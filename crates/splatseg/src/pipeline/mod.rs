@@ -15,6 +15,7 @@ mod named_map;
 mod naming;
 mod naming_beside;
 mod predicted_depth;
+mod relations;
 mod rotate;
 mod stage_times;
 mod stages;

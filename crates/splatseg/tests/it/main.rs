@@ -2,6 +2,8 @@
 
 mod late_results;
 mod lost_camera;
+mod mesh_accuracy;
+mod mesh_of_map;
 mod method_preset;
 mod names;
 mod predicted_depth;

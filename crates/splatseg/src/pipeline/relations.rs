@@ -1,0 +1,46 @@
+//! Relations between the objects of a map, and its scene graph.
+
+use super::{NamedMap, Pipeline};
+use glam::Vec3;
+use splatseg_geometry::UpEstimate;
+use splatseg_objects::{ObjectList, SceneGraph};
+use splatseg_odometry::{PoseSourceError, keyframe_views};
+
+impl Pipeline {
+    /// Adds the relations between objects that are certain to a list of this pipeline. None without keyframes, since they
+    /// tell where up is.
+    pub fn add_relations(&self, list: &mut ObjectList) {
+        let mut up = UpEstimate::default();
+        let keyframes = self.keyframes();
+        keyframes.values().for_each(|keyframe| up.add(&keyframe.world_from_keyframe));
+        if let Some(map) = self.map().filter(|_| !keyframes.is_empty()) {
+            list.add_relations(&map, up.direction());
+        }
+    }
+}
+
+impl NamedMap {
+    /// Where up is, as the camera of the keyframes was held: a unit vector in world coordinates. `None` without keyframes.
+    ///
+    /// # Errors
+    /// If the keyframes are damaged, or take more than the memory limit.
+    pub fn up(&self) -> Result<Option<Vec3>, PoseSourceError> {
+        let Some(keyframes) = &self.keyframes else { return Ok(None) };
+        let views = keyframe_views(keyframes, None)?;
+        let mut up = UpEstimate::default();
+        views.iter().for_each(|view| up.add(&view.world_from_camera));
+        Ok((!views.is_empty()).then(|| up.direction()))
+    }
+
+    /// The objects of the map that count, their relations, and when each was last seen.
+    ///
+    /// # Errors
+    /// As [`Self::up`].
+    pub fn scene_graph(&self) -> Result<SceneGraph, PoseSourceError> {
+        let (mut list, up) = (self.object_list(), self.up()?);
+        if let Some(up) = up {
+            list.add_relations(&self.memory.map(), up);
+        }
+        Ok(SceneGraph::new(&list, up, self.memory.frame_count(), &self.memory.last_seen()))
+    }
+}
