@@ -1,0 +1,57 @@
+//! The names of two maps' objects.
+
+use serde::Serialize;
+use splatseg_geometry::{RemappedId, SegmentId};
+use splatseg_memory::JoinedIds;
+use splatseg_objects::{NameError, ObjectNames};
+
+/// An object that both maps name, differently.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct LabelConflict {
+    /// Its id in the merged map.
+    pub id: SegmentId,
+    /// The label that it has now.
+    pub kept: String,
+    /// The other map's label.
+    pub dropped: String,
+}
+
+/// The names of both maps by the merged map's ids. Of two names of an object, the one that a person gave stays, of two such
+/// ones the later map's, and otherwise the one from the better view.
+///
+/// # Errors
+/// If the embeddings of the two maps have different lengths, or all names take too much room.
+pub(super) fn joined_names(
+    earlier: &ObjectNames,
+    later: &ObjectNames,
+    ids: &JoinedIds,
+) -> Result<(ObjectNames, Vec<LabelConflict>), NameError> {
+    let mut names = earlier.clone();
+    for (id, name, score) in later.all() {
+        if let Some(given) = ids.given().get(&id) {
+            names.set(*given, name.clone(), score)?;
+        }
+    }
+    let mut conflicts = Vec::new();
+    for remapped in ids.remapped() {
+        join_names(&mut names, *remapped, &mut conflicts);
+    }
+    Ok((names, conflicts))
+}
+
+fn join_names(names: &mut ObjectNames, ids: RemappedId, conflicts: &mut Vec<LabelConflict>) {
+    let label = |names: &ObjectNames, id| names.label(id).map(str::to_owned);
+    let by_hand = |names: &ObjectNames, id| names.name(id).is_some_and(|name| name.by_hand);
+    let labels = [label(names, ids.into), label(names, ids.from)];
+    if by_hand(names, ids.from) && by_hand(names, ids.into) {
+        // The later map is right.
+        names.forget(ids.into);
+    }
+    names.remap(&[ids]);
+    let [Some(earlier), Some(later)] = labels else { return };
+    if earlier != later {
+        let kept = label(names, ids.into).unwrap_or_default();
+        let dropped = if kept == earlier { later } else { earlier };
+        conflicts.push(LabelConflict { id: ids.into, kept, dropped });
+    }
+}
