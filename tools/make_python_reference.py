@@ -21,7 +21,7 @@ SECTIONS = {
     "Objects of a video": ["Objects", "Object", "Shape", "BestView", "FrameStamp", "FoundObject"],
     "Scenes": ["open_scene", "Scene", "Frame"],
     "Segmenters": ["Segmenter", "Affinity", "Graph", "FastSam"],
-    "The map": ["Memory", "read_state"],
+    "The map": ["Memory", "merge", "read_state"],
     "Scores": ["evaluate", "Scores"],
     "SAM 2.1 alone": ["Sam2", "Tracks"],
     "Live": ["Live"],

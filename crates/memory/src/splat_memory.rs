@@ -1,7 +1,7 @@
 //! The memory itself: its state, and the steps of each frame.
 
 use crate::co_visible::CoVisibleIds;
-use crate::correction::{motions, move_anchored, recognised};
+use crate::correction::{AFTER_LOOP, motions, move_anchored, recognised};
 use crate::growth::new_gaussians;
 use crate::map::SplatMap;
 use crate::origin::{MIN_FAR_FRAMES, change_of_origin, is_far, origin_for};
@@ -357,7 +357,7 @@ impl SplatMemory {
         if correction.joined.is_empty() || !self.store.can_remap() {
             return Vec::new();
         }
-        self.join_surfaces(&before)
+        self.join_surfaces(&before, AFTER_LOOP)
     }
 
     /// Gives the ids of the latest frame, if its pose was unknown, to those that a frame whose pose is known shows

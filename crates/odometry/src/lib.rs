@@ -70,7 +70,7 @@ mod tracked_source;
 mod upright;
 
 pub use input_doubt::{DoubtKind, InputDoubt};
-pub use map_joining::{JoinError, JoinedKeyframes, MapFit, RecognisedCount, join_keyframes};
+pub use map_joining::{JoinError, JoinedKeyframes, MapFit, RecognisedCount, erase_surfaces, join_keyframes};
 pub use odometry::Odometry;
 pub use pose_event::{PoseEvent, PoseEventCounts};
 pub use pose_source::{

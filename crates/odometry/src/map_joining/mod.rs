@@ -6,12 +6,14 @@
 //! 3. The poses of both maps' keyframes minimise the errors of all measured relative poses, in both maps and between them
 //!    ([`joined`]). The earlier map's first keyframe stays where it is.
 
+mod gone;
 mod joined;
 mod links;
 mod recognition;
 
 use crate::keyframe_map::KeyframeMap;
 use crate::saved_keyframes::{bytes, parsed};
+pub use gone::erase_surfaces;
 use joined::JoinedMap;
 use splatseg_geometry::{KeyframeId, MapCorrection, Pose};
 use thiserror::Error;

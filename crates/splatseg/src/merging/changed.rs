@@ -1,6 +1,7 @@
 //! What changed between two maps, and what that means for the merged one: the later map is right.
 
 use super::MergeError;
+use glam::DVec3;
 use rayon::prelude::*;
 use splatseg_geometry::{MapCorrection, MapView, Pose, RemappedId, SegmentId};
 use splatseg_memory::SplatMemory;
@@ -73,6 +74,12 @@ impl Changed {
         let moved = self.changes.moved.iter();
         moved.map(|moved| RemappedId { from: moved.after.id, into: moved.before.id }).collect()
     }
+}
+
+/// Where the Gaussians are that are not kept, world coordinates, metres.
+pub(super) fn removed(map: &MapView<'_>, kept: &[bool]) -> Vec<DVec3> {
+    let gone = map.means.iter().zip(kept).filter(|(_, kept)| !**kept);
+    gone.map(|(mean, _)| mean.as_dvec3() + map.origin).collect()
 }
 
 /// What views saw at every `step`th Gaussian of a map.

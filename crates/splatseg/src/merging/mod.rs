@@ -2,7 +2,7 @@
 //!
 //! 1. The keyframes of both are joined: [`join_keyframes`] finds how the maps lie to each other, and corrects both.
 //! 2. The changes between the maps are found (`splatseg_objects::MapChanges`). The later map is right: what it looked
-//!    through is removed from the earlier one ([`changed`]).
+//!    through is removed from the earlier one ([`changed`]), also from the depth of its keyframes.
 //! 3. Surfaces and ids that both have become one ([`SplatMemory::join`](splatseg_memory::SplatMemory::join)), and their
 //!    names ([`names`]).
 
@@ -16,11 +16,11 @@ pub use names::LabelConflict;
 pub use report::{MergeReport, MergedKeyframes, MergedObject};
 
 use crate::pipeline::NamedMap;
-use changed::{Changed, views};
+use changed::{Changed, removed, views};
 use names::joined_names;
 use report::ObjectIds;
 use splatseg_geometry::Pose;
-use splatseg_odometry::{JoinedKeyframes, join_keyframes};
+use splatseg_odometry::{JoinedKeyframes, erase_surfaces, join_keyframes};
 
 /// How maps are merged.
 #[derive(Clone, Copy, Debug, Default)]
@@ -60,10 +60,12 @@ pub fn merge_maps(earlier: NamedMap, later: NamedMap, options: &MergeOptions) ->
     let ids = ObjectIds::new(&earlier, &later);
     let changed = Changed::new(&earlier.memory, &later.memory, views);
     changed.require_agreement()?;
-    earlier.memory.keep_gaussians(&changed.kept_gaussians(&earlier.memory));
+    let kept = changed.kept_gaussians(&earlier.memory);
+    let keyframes = erase_surfaces(keyframes, *first_later, &removed(&earlier.memory.map(), &kept))?;
+    earlier.memory.keep_gaussians(&kept);
     let joined_ids = earlier.memory.join(later.memory, *first_later, &changed.same())?;
     let (names, conflicts) = joined_names(&earlier.names, &later.names, &joined_ids)?;
-    (earlier.names, earlier.keyframes) = (names, Some(keyframes.clone()));
+    (earlier.names, earlier.keyframes) = (names, Some(keyframes));
     earlier.names.keep_only(&earlier.memory.map().carried_ids());
     let report = MergeReport::new(fit, &ids, &joined_ids, &earlier, changed, conflicts);
     Ok(MergedMap { map: earlier, report })
