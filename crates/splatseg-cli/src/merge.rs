@@ -5,7 +5,7 @@ use super::map_changes;
 use super::options::memory_limit;
 use super::terminal::counted;
 use clap::Args;
-use glam::{DMat3, DMat4, DQuat, DVec3};
+use glam::{DQuat, DVec3};
 use splatseg::merging::{MergeError, MergeOptions, MergeReport, MergedObject, merge_maps};
 use splatseg::pipeline::NamedMap;
 use splatseg_geometry::{Pose, SegmentId};
@@ -68,7 +68,10 @@ pub fn merge(arguments: &MergeArguments) -> Result<(), Failure> {
 }
 
 fn failure(earlier: &Path, later: &Path, error: &MergeError) -> Failure {
-    let text = format!("{} and {}: {error}", earlier.display(), later.display());
+    let mut text = format!("{} and {}: {error}", earlier.display(), later.display());
+    if let MergeError::Contradiction { earlier_from_later, .. } = error {
+        text += &format!("; if it is one place: --transform '{}'", written(earlier_from_later));
+    }
     if error.is_misfit() { Failure::runtime(text) } else { Failure::input(text) }
 }
 
@@ -82,12 +85,15 @@ fn pose(text: &str) -> Result<Pose, String> {
         .collect::<Option<_>>()
         .ok_or_else(wrong)?;
     let [x, y, z, qx, qy, qz, qw] = numbers[..] else { return Err(wrong()) };
-    let rotation = DQuat::from_xyzw(qx, qy, qz, qw);
-    if rotation.length() < 0.5 {
-        return Err(format!("{}, with a quaternion of length 1", wrong()));
-    }
-    let matrix = DMat4::from_mat3_translation(DMat3::from_quat(rotation.normalize()), DVec3::new(x, y, z));
-    Pose::from_matrix(matrix).map_err(|error| format!("--transform: {error}"))
+    Pose::from_quaternion(DVec3::new(x, y, z), DQuat::from_xyzw(qx, qy, qz, qw))
+        .map_err(|error| format!("--transform: {error}"))
+}
+
+/// A pose as [`pose`] reads it.
+fn written(pose: &Pose) -> String {
+    let (position, rotation) = (pose.translation(), DQuat::from_mat3(&pose.rotation()));
+    let numbers = position.to_array().into_iter().chain(rotation.to_array());
+    numbers.map(|number| format!("{number:.4}")).collect::<Vec<_>>().join(" ")
 }
 
 /// The summary.

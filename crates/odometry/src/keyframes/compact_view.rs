@@ -157,6 +157,23 @@ mod tests {
     }
 
     #[test]
+    fn erased_depth_is_unknown_and_the_rest_exact() {
+        let mut view = view(160, 120);
+        let before = view.depth().unwrap();
+        view.erase_depth(|(column, row), depth| column < 20 && row == 3 && depth > 1.0).unwrap();
+        let after = view.depth().unwrap();
+        for row in 0..120 {
+            for column in 0..160 {
+                let is_erased = column < 20 && row == 3;
+                assert_eq!(after[(column, row)], if is_erased { 0.0 } else { before[(column, row)] });
+            }
+        }
+        let same = view.clone();
+        view.erase_depth(|_, _| false).unwrap();
+        assert!(view == same);
+    }
+
+    #[test]
     fn views_of_all_cameras_have_possible_sizes() {
         let sizes =
             [(640, 480), (480, 640), (1280, 400), (400, 1600), (2600, 40), (40, 2600), (30, 30), (801, 96), (1, 1)];

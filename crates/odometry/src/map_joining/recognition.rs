@@ -85,19 +85,22 @@ pub(super) fn known_places(earlier: &KeyframeMap, later: &KeyframeMap, motion: &
 pub(super) fn places(earlier: &KeyframeMap, later: &KeyframeMap) -> Result<Places, JoinError> {
     let mut sights = sights(later, earlier, true);
     sights.extend(self::sights(earlier, later, false));
-    let mut places = Places { elsewhere: distinct(sights.iter()).len(), ..Places::default() };
-    let mut most = 0;
+    voted(&sights, (count(earlier), count(later)))
+}
+
+/// The places that most sights agree with. `counts` are the numbers of keyframes of the earlier and the later map.
+fn voted(sights: &[Sight], counts: (usize, usize)) -> Result<Places, JoinError> {
+    let mut places = Places::default();
     let parts: BTreeSet<u32> = sights.iter().map(|sight| sight.parts.1).collect();
     for part in parts {
         let of_part: Vec<&Sight> = sights.iter().filter(|sight| sight.parts.1 == part).collect();
         let Some((best, agreeing)) = most_agreeing(&of_part) else { continue };
         let support = distinct(agreeing.iter().copied()).len();
-        let others: Vec<&Sight> = of_part.into_iter().filter(|sight| !best.agrees(sight)).collect();
-        let other = most_agreeing(&others).map_or(0, |(_, agreeing)| distinct(agreeing.iter().copied()).len());
-        most = most.max(support);
         if support < MIN_AGREEING {
             continue;
         }
+        let others: Vec<&Sight> = of_part.into_iter().filter(|sight| !best.agrees(sight)).collect();
+        let other = most_agreeing(&others).map_or(0, |(_, agreeing)| distinct(agreeing.into_iter()).len());
         if other as f64 > MAX_OTHER * support as f64 {
             return Err(JoinError::Ambiguous { agreeing: support, other });
         }
@@ -105,12 +108,10 @@ pub(super) fn places(earlier: &KeyframeMap, later: &KeyframeMap) -> Result<Place
         places.sights.extend(agreeing.into_iter().cloned());
     }
     let agreeing = distinct(places.sights.iter());
-    places.elsewhere -= agreeing.len();
-    let counted = |is_later: bool, map| RecognisedCount {
-        recognised: agreeing.iter().filter(|(of_later, _)| *of_later == is_later).count(),
-        of: count(map),
-    };
-    (places.earlier, places.later) = (counted(false, earlier), counted(true, later));
+    places.elsewhere = distinct(sights.iter()).len() - agreeing.len();
+    let recognised = |is_later| agreeing.iter().filter(|(of_later, _)| *of_later == is_later).count();
+    places.earlier = RecognisedCount { recognised: recognised(false), of: counts.0 };
+    places.later = RecognisedCount { recognised: recognised(true), of: counts.1 };
     if places.parts.is_empty() {
         return Err(JoinError::NoOverlap { earlier: places.earlier, later: places.later });
     }
@@ -165,4 +166,56 @@ fn sights(searched: &KeyframeMap, among: &KeyframeMap, is_later: bool) -> Vec<Si
         Some(sight)
     };
     keyframes.par_iter().filter_map(sight).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::EdgeKind;
+
+    /// A later keyframe that was recognised so that its world has moved by `x` metres.
+    fn sight(later: KeyframeId, part: u32, x: f64) -> Sight {
+        let edge = Edge {
+            from: 0,
+            to: later,
+            measured: Pose::IDENTITY,
+            information: crate::graph::information(None),
+            kind: EdgeKind::Loop,
+        };
+        let (motion, position) = (Pose::from_translation(DVec3::X * x), DVec3::Y * f64::from(later));
+        Sight { earlier: 0, later, is_later: true, parts: (0, part), motion, position, edge, agreement: 0.9 }
+    }
+
+    fn sights(of_part: &[(u32, f64)]) -> Vec<Sight> {
+        of_part.iter().enumerate().map(|(later, (part, x))| sight(later as KeyframeId, *part, *x)).collect()
+    }
+
+    #[test]
+    fn wrong_places_are_outvoted() {
+        let all = sights(&[(0, 1.0), (0, 1.02), (0, 7.0), (0, 0.98), (0, -3.0), (0, 1.01)]);
+        let places = voted(&all, (9, 8)).unwrap();
+        assert_eq!(places.later, RecognisedCount { recognised: 4, of: 8 });
+        assert_eq!((places.earlier.of, places.elsewhere, places.sights.len()), (9, 2, 4));
+        assert!((places.parts[&0].1.translation().x - 1.0).abs() < 0.03);
+    }
+
+    #[test]
+    fn too_few_places_and_two_ways_are_refused() {
+        let few = voted(&sights(&[(0, 1.0), (0, 1.0), (0, 5.0)]), (2, 3));
+        assert!(matches!(few, Err(JoinError::NoOverlap { .. })), "{few:?}");
+        assert!(matches!(voted(&[], (2, 3)), Err(JoinError::NoOverlap { .. })));
+        let ways = voted(&sights(&[(0, 1.0), (0, 1.0), (0, 1.0), (0, 5.0), (0, 5.0)]), (2, 5));
+        assert_eq!(ways.unwrap_err(), JoinError::Ambiguous { agreeing: 3, other: 2 });
+        // One keyframe may be recognised twice, but only its side counts.
+        let same: Vec<Sight> = (0..5).map(|_| sight(3, 0, 1.0)).collect();
+        assert!(matches!(voted(&same, (2, 5)), Err(JoinError::NoOverlap { .. })));
+    }
+
+    #[test]
+    fn each_part_of_a_map_has_a_place_of_its_own() {
+        let all = sights(&[(0, 1.0), (0, 1.0), (0, 1.0), (2, -50.0), (2, -50.0), (2, -50.0), (3, 4.0)]);
+        let places = voted(&all, (9, 9)).unwrap();
+        assert_eq!(places.parts.keys().copied().collect::<Vec<_>>(), [0, 2]);
+        assert!((places.parts[&2].1.translation().x + 50.0).abs() < 1e-9 && places.elsewhere == 1);
+    }
 }

@@ -1,5 +1,6 @@
 //! Errors of merging two maps.
 
+use splatseg_geometry::Pose;
 use splatseg_memory::MemoryError;
 use splatseg_objects::NameError;
 use splatseg_odometry::{JoinError, PoseSourceError};
@@ -31,6 +32,8 @@ pub enum MergeError {
         percent: u32,
         /// The largest that is accepted.
         limit: u32,
+        /// Where keyframes were recognised: pose of the later map's world in the earlier one's.
+        earlier_from_later: Pose,
     },
     /// The memories cannot be joined.
     #[error(transparent)]

@@ -59,7 +59,9 @@ pub fn merge_maps(earlier: NamedMap, later: NamedMap, options: &MergeOptions) ->
     let views = [views(&of_earlier, None, &joined.earlier)?, views(&of_later, Some(&of_earlier), &joined.later)?];
     let ids = ObjectIds::new(&earlier, &later);
     let changed = Changed::new(&earlier.memory, &later.memory, views);
-    changed.require_agreement()?;
+    if options.earlier_from_later.is_none() {
+        changed.require_agreement(fit.earlier_from_later)?;
+    }
     let kept = changed.kept_gaussians(&earlier.memory);
     let keyframes = erase_surfaces(keyframes, *first_later, &removed(&earlier.memory.map(), &kept))?;
     earlier.memory.keep_gaussians(&kept);

@@ -55,3 +55,38 @@ fn join_names(names: &mut ObjectNames, ids: RemappedId, conflicts: &mut Vec<Labe
         conflicts.push(LabelConflict { id: ids.into, kept, dropped });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use splatseg_objects::ObjectName;
+
+    const JOIN: RemappedId = RemappedId { from: 12, into: 2 };
+
+    fn by_network(label: &str) -> ObjectName {
+        ObjectName { label: Some(label.to_owned()), ..ObjectName::default() }
+    }
+
+    /// The label after two names of an object became one, and what is told of the other.
+    fn joined(earlier: ObjectName, later: ObjectName) -> (String, Option<String>) {
+        let mut names = ObjectNames::default();
+        names.set(JOIN.into, earlier, 1.0).unwrap();
+        names.set(JOIN.from, later, 2.0).unwrap();
+        let mut conflicts = Vec::new();
+        join_names(&mut names, JOIN, &mut conflicts);
+        assert!(names.name(JOIN.from).is_none() && conflicts.len() <= 1);
+        (names.label(JOIN.into).unwrap().to_owned(), conflicts.pop().map(|conflict| conflict.dropped))
+    }
+
+    #[test]
+    fn labels_by_hand_stay_and_of_two_the_later() {
+        let (mug, cup) = (|| ObjectName::by_hand("mug"), || ObjectName::by_hand("cup"));
+        let told = |kept: &str, dropped: &str| (kept.to_owned(), Some(dropped.to_owned()));
+        assert_eq!(joined(mug(), by_network("cup")), told("mug", "cup"));
+        assert_eq!(joined(by_network("mug"), cup()), told("cup", "mug"));
+        assert_eq!(joined(mug(), cup()), told("cup", "mug"));
+        assert_eq!(joined(by_network("mug"), by_network("cup")), told("cup", "mug"), "the better view");
+        assert_eq!(joined(mug(), mug()), ("mug".to_owned(), None));
+        assert_eq!(joined(mug(), ObjectName::default()), ("mug".to_owned(), None));
+    }
+}
