@@ -119,21 +119,17 @@ fn lines(report: &MergeReport, all: bool) -> Vec<String> {
     if report.unjoined_parts > 0 {
         lines.push(format!("{} of the later map not joined: beside the rest", counted(report.unjoined_parts, "part")));
     }
-    let only = |is_later: bool| {
-        let (own, other): (fn(&MergedObject) -> bool, fn(&MergedObject) -> bool) = match is_later {
-            true => (|object| !object.later.is_empty(), |object| object.earlier.is_empty()),
-            false => (|object| !object.earlier.is_empty(), |object| object.later.is_empty()),
-        };
-        objects.iter().filter(|object| own(object) && other(object)).count()
-    };
+    let is_of =
+        |object: &&MergedObject, sides: [bool; 2]| [!object.earlier.is_empty(), !object.later.is_empty()] == sides;
+    let count = |sides: [bool; 2]| objects.iter().filter(|object| is_of(object, sides)).count();
     lines.push(format!(
         "objects: {} in both maps, {} only in the earlier one, {} only in the later one",
         report.united(),
-        only(false),
-        only(true)
+        count([true, false]),
+        count([false, true])
     ));
-    let shown = if all { objects.len() } else { objects.len().min(LINES) };
     lines.push("  earlier + later -> merged".to_owned());
+    let shown = if all { objects.len() } else { objects.len().min(LINES) };
     lines.extend(objects[..shown].iter().map(described));
     if shown < objects.len() {
         lines.push(format!("  … and {} more (--all lists them)", objects.len() - shown));
