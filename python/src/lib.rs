@@ -8,6 +8,7 @@ mod command;
 mod errors;
 mod evaluation;
 mod live;
+mod merging;
 mod names;
 mod pictures;
 mod pipeline;
@@ -27,6 +28,8 @@ mod _splatseg {
     use super::evaluation::evaluate;
     #[pymodule_export]
     use super::live::Live;
+    #[pymodule_export]
+    use super::merging::merge;
     #[pymodule_export]
     use super::names::Names;
     #[pymodule_export]

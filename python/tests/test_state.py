@@ -39,6 +39,21 @@ def test_a_map_has_keyframes_with_small_images(saved):
     assert state["memory.given_ids"].shape == ()
 
 
+def test_two_maps_become_one(saved, tmp_path):
+    report = ss.merge(saved, saved, tmp_path / "home.ply")
+    np.testing.assert_allclose(report["transform"], np.eye(4), atol=0.01)
+    objects = report["objects"]
+    assert objects and all(o["id"] in o["earlier"] and o["earlier"] == o["later"] for o in objects)
+    assert {o["id"] for o in objects} <= set(ss.FastSamSplat.load(tmp_path / "home.ply").memory.segment_ids.tolist())
+    given = ss.merge(saved, saved, tmp_path / "home.ply", transform=np.eye(4))
+    assert given["keyframes"]["later_recognised"] == 0 and len(given["objects"]) == len(objects)
+    with pytest.raises(ValueError, match=r"transform has the shape \(3, 4\)"):
+        ss.merge(saved, saved, tmp_path / "home.ply", transform=np.eye(4)[:3])
+    with pytest.raises(ValueError, match="missing.ply"):
+        ss.merge(saved, tmp_path / "missing.ply", tmp_path / "no.ply")
+    assert not (tmp_path / "no.ply").exists()
+
+
 def test_names_are_arrays(tmp_path, room):
     pipeline = ss.FastSamSplat(keep_views=True)
     for frame in room:

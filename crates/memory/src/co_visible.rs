@@ -79,6 +79,17 @@ impl CoVisibleIds {
         self.add(others.into_iter().map(|other| (into, other)));
     }
 
+    /// Adds what is known about the ids of another map, which are `names` here.
+    pub fn append(&mut self, other: &Self, names: &BTreeMap<SegmentId, SegmentId>) {
+        let named = |id: &SegmentId| names.get(id).copied();
+        self.crowded.extend(other.crowded.iter().filter_map(named));
+        for (id, larger) in &other.larger {
+            let Some(id) = named(id) else { continue };
+            self.add(larger.iter().filter_map(|other| Some((id, named(other)?))));
+            self.keep_bounded();
+        }
+    }
+
     /// The pairs to be saved.
     pub fn saved(&self) -> SavedPairs {
         let pairs = self.larger.iter().flat_map(|(id, larger)| larger.iter().map(|other| [*id, *other]));

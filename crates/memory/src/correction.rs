@@ -5,7 +5,7 @@
 //! surfaces there. Once the loop is closed, the copies lie on each other.
 //!
 //! - **Surfaces**: a later Gaussian is merged into an earlier one that the correction has brought close to it.
-//! - **Ids**: of the merged surface, two ids become one if they overlap by an IoU of at least [`MIN_IOU`] and have never
+//! - **Ids**: of the merged surface, two ids become one if they overlap by an IoU of at least [`SameObject::min_iou`] and have never
 //!   been shown side by side in one frame. The older id stays.
 
 use crate::co_visible::CoVisibleIds;
@@ -21,14 +21,20 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Number of Gaussians that are moved at a time.
 const BLOCK: usize = 2048;
 
-/// Minimum overlap of two ids that are merged, over the surface that is there twice.
-const MIN_IOU: f32 = 0.5;
+/// When two ids of a surface that is there twice are one object.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SameObject {
+    /// Minimum overlap of the two ids, over the surface that is there twice.
+    pub(crate) min_iou: f32,
+    /// The overlap must be at least this share of the smaller object's area.
+    pub(crate) min_share: f32,
+}
+
+/// After a loop. A wrong union is worse than none: the camera will come back.
+pub(crate) const AFTER_LOOP: SameObject = SameObject { min_iou: 0.5, min_share: 0.3 };
 
 /// Minimum overlap of two ids of one thing in consecutive frames: small things move by half their size in a fast turn.
 const MIN_IOU_OF_FRAMES: f32 = 0.33;
-
-/// The overlap must be at least this share of the smaller segment's area.
-const MIN_SHARE: f32 = 0.3;
 
 /// How much two ids overlap, square metres.
 struct Overlap {
@@ -63,6 +69,7 @@ pub(crate) fn same_objects(
     ids: &[SegmentId],
     radii: &[f32],
     co_visible: &CoVisibleIds,
+    rule: SameObject,
 ) -> Vec<RemappedId> {
     let area = |index: usize| radii[index] * radii[index];
     let mut totals: BTreeMap<SegmentId, f32> = BTreeMap::new();
@@ -81,7 +88,7 @@ pub(crate) fn same_objects(
     let is_same = |((later, earlier), area): ((SegmentId, SegmentId), f32)| {
         let union = of_later[&later] + of_earlier[&earlier] - area;
         let smaller = totals[&later].min(totals[&earlier]);
-        let fits = area >= MIN_IOU * union && area >= MIN_SHARE * smaller;
+        let fits = area >= rule.min_iou * union && area >= rule.min_share * smaller;
         let is_candidate = later != earlier && later != 0 && earlier != 0 && fits;
         (is_candidate && !co_visible.contains(later, earlier))
             .then(|| Overlap { ids: RemappedId { from: later.max(earlier), into: later.min(earlier) }, area })

@@ -42,6 +42,9 @@ pub enum MemoryError {
         /// Size of the frame.
         expected: (usize, usize),
     },
+    /// Two maps cannot be joined: Gaussians that remember features, or in a way of your own, have no votes to add.
+    #[error("only maps of votes can be joined, memory.kind = \"evidence\"")]
+    CannotJoin,
     /// A prediction has an id that [`SplatMemory::new_segment`](crate::SplatMemory::new_segment) never returned.
     #[error("a prediction has the id {found}, but only 1 to {known} exist")]
     UnknownSegment {

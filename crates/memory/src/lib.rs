@@ -8,7 +8,7 @@
 //!
 //! Both kinds of memory share the map: Gaussians are opaque balls (`map.rs`), the view is rasterised once per frame
 //! (`recall.rs`), and there is one implementation of growth (`growth.rs`, `borders.rs`, `depth_completion.rs`), removal
-//! (`removal.rs`), contradictions between frames and map (`recent/`), corrections (`correction.rs`) and ids
+//! (`removal.rs`), contradictions between frames and map (`recent/`), corrections (`correction.rs`), the union of two maps (`joining.rs`) and ids
 //! (`segments.rs`).
 
 mod belief;
@@ -21,6 +21,7 @@ mod error;
 mod evidence;
 mod features;
 mod growth;
+mod joining;
 mod kind_definitions;
 mod last_seen;
 mod map;
@@ -46,6 +47,7 @@ pub use belief::SegmentBelief;
 pub use error::{LoadMemoryError, MemoryError};
 pub use evidence::Votes;
 pub use features::{Codebook, CodebookError, CodebookSettings};
+pub use joining::JoinedIds;
 pub use kind_definitions::{
     CreateStore, MemoryKindDefinition, NewStore, RestoreStore, SavedStore, register_memory_kind,
 };

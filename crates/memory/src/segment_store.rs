@@ -135,6 +135,12 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// Adds what Gaussian `from` remembers to Gaussian `into`. `from` is removed afterwards.
     fn merge_gaussian(&mut self, _from: usize, _into: usize) {}
 
+    /// Appends the Gaussians of another map with what they remember. Returns false, and changes nothing, if it is of another
+    /// kind. The default returns false.
+    fn append(&mut self, _content: SplatContentView<'_>) -> bool {
+        false
+    }
+
     /// Number of parameters per Gaussian for segments.
     fn numbers_per_gaussian(&self) -> usize;
 

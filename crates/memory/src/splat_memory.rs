@@ -1,8 +1,7 @@
 //! The memory itself: its state, and the steps of each frame.
 
 use crate::co_visible::CoVisibleIds;
-use crate::correction::{merge_doubles, motions, move_anchored, recognised, same_objects};
-use crate::doubles::Corrected;
+use crate::correction::{AFTER_LOOP, motions, move_anchored, recognised};
 use crate::growth::new_gaussians;
 use crate::map::SplatMap;
 use crate::origin::{MIN_FAR_FRAMES, change_of_origin, is_far, origin_for};
@@ -366,19 +365,7 @@ impl SplatMemory {
         if correction.joined.is_empty() || !self.store.can_remap() {
             return Vec::new();
         }
-        let SplatMap { balls, anchors, .. } = &self.map;
-        let corrected = Corrected { before: &before, means: &balls.means, radii: &balls.radii, anchors };
-        let doubles = corrected.doubles();
-        if doubles.is_empty() {
-            return Vec::new();
-        }
-        let remapped = same_objects(&doubles, &self.store.segment_ids(), &balls.radii, &self.co_visible);
-        self.remap(&remapped);
-        let keep = merge_doubles(&mut self.map, self.store.as_mut(), &doubles);
-        let merged = doubles.iter().filter(|double| !keep[double.later]);
-        self.patches.absorb(&merged.map(|double| (double.later, double.earlier)).collect::<Vec<_>>());
-        self.retain(&keep);
-        remapped
+        self.join_surfaces(&before, AFTER_LOOP)
     }
 
     /// Gives the ids of the latest frame, if its pose was unknown, to those that a frame whose pose is known shows
@@ -399,7 +386,7 @@ impl SplatMemory {
         &self.remapped
     }
 
-    fn remap(&mut self, remapped: &[RemappedId]) {
+    pub(crate) fn remap(&mut self, remapped: &[RemappedId]) {
         if remapped.is_empty() {
             return;
         }
@@ -506,14 +493,14 @@ impl SplatMemory {
         (!uncertain.is_empty()).then(|| visibility.par_iter().zip(&self.map.anchors).map(certain).collect())
     }
 
-    fn retain(&mut self, keep: &[bool]) {
+    pub(crate) fn retain(&mut self, keep: &[bool]) {
         self.map.retain(keep);
         self.store.retain(keep);
         self.patches.retain(keep);
     }
 
     /// Finds the ids that the memory has lost. `has_removed` is true if Gaussians were removed in this frame.
-    fn release_ids(&mut self, has_removed: bool) -> LostIds {
+    pub(crate) fn release_ids(&mut self, has_removed: bool) -> LostIds {
         let holds = self.store.changed_holds();
         if let Some(holds) = &holds {
             self.segments.set_holds(holds);

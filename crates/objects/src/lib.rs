@@ -19,7 +19,9 @@ mod shape;
 mod sightings;
 mod vertex_ids;
 
-pub use changes::{ChangedObject, DepthView, MapChanges, MovedObject, ObservedMap, PlaceSight, UnchangedObject};
+pub use changes::{
+    ChangedObject, DepthView, MapChanges, MovedObject, ObservedMap, PlaceSight, UnchangedObject, place_sights,
+};
 pub use kept_views::{KeptViews, ViewedFrame};
 pub use list::{BestView, Conventions, FrameStamp, Object, ObjectCounts, ObjectList, ObjectState};
 pub use names::{LabelScore, NameError, ObjectName, ObjectNames};

@@ -190,6 +190,11 @@ impl ObjectNames {
         all.filter(|(_, embedding)| !embedding.is_empty())
     }
 
+    /// Every name with the score of the view that it was given from, by increasing id.
+    pub fn all(&self) -> impl Iterator<Item = (SegmentId, &ObjectName, f64)> {
+        self.names.iter().map(|(id, named)| (*id, &named.name, named.score))
+    }
+
     /// The embedding of an object; empty if it has none.
     pub fn embedding(&self, id: SegmentId) -> &[f32] {
         self.names.get(&id).map_or(&[], |named| &named.name.embedding)

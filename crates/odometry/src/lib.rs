@@ -25,6 +25,7 @@
 //! | `relocalisation/` | recognises the place that a frame shows |
 //! | `relocaliser.rs` | where single frames were taken, in a saved map |
 //! | `lost.rs` | the search for a lost camera, and new parts of the map |
+//! | `map_joining/` | joins the keyframes of two maps of one place |
 //! | `keyframe_map.rs`, `loops.rs`, `loop_closing.rs`, `graph/` | relative poses of keyframes, loops, the correction of all poses |
 //! | `se3.rs` | rigid motions as six numbers |
 //! | `saved.rs`, `saved_keyframes.rs` | the state of a run that is resumed; keyframes saved with a map |
@@ -42,6 +43,7 @@ mod linear;
 mod loop_closing;
 mod loops;
 mod lost;
+mod map_joining;
 mod motion_test;
 mod movers;
 mod odometry;
@@ -68,6 +70,7 @@ mod tracked_source;
 mod upright;
 
 pub use input_doubt::{DoubtKind, InputDoubt};
+pub use map_joining::{JoinError, JoinedKeyframes, MapFit, RecognisedCount, erase_surfaces, join_keyframes};
 pub use odometry::Odometry;
 pub use pose_event::{PoseEvent, PoseEventCounts};
 pub use pose_source::{

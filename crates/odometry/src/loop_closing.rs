@@ -196,7 +196,7 @@ fn is_possible(found: &Recognised, new: &StoredKeyframe, path: f64) -> bool {
 
 /// True if similar features of two keyframes are at the same places. An alignment that starts far off may slide along a
 /// wall or a floor to a place where depth and image fit nearly as well.
-fn features_agree(new: &StoredKeyframe, other: &StoredKeyframe, other_from_new: &Pose) -> bool {
+pub(crate) fn features_agree(new: &StoredKeyframe, other: &StoredKeyframe, other_from_new: &Pose) -> bool {
     let local = other_from_new.relative_to(DVec3::ZERO);
     let (mut same, mut all) = (0, 0);
     for feature in &new.features {

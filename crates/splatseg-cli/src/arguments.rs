@@ -17,6 +17,7 @@ use super::locate::LocateArguments;
 #[cfg(feature = "man")]
 use super::manual::ManArguments;
 use super::map_changes::DiffArguments;
+use super::merge::MergeArguments;
 use super::name::NameArguments;
 use super::options::SettingsOptions;
 use super::run::SavedRun;
@@ -89,6 +90,8 @@ pub enum Command {
     Export(ExportArguments),
     /// Compare two saved memories of a place: what is gone, new, moved, unchanged or was not looked at
     Diff(DiffArguments),
+    /// Make one map of two saved memories of a place, from two days or two robots
+    Merge(MergeArguments),
     /// Find objects of a saved memory by words: labels, colours, sizes, and pictures with a network
     Find(FindArguments),
     /// Give the objects of a saved memory names: by hand, from a file, or with a network
@@ -109,8 +112,11 @@ pub enum Command {
 impl Command {
     /// True for the commands that have threads, but no setting for their number.
     pub fn has_fixed_threads(&self) -> bool {
-        use Command::{Convert, Diff, Eval, Export, Find, Inspect, Locate, Name};
-        matches!(self, Convert(_) | Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_) | Name(_))
+        use Command::{Convert, Diff, Eval, Export, Find, Inspect, Locate, Merge, Name};
+        matches!(
+            self,
+            Convert(_) | Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_) | Merge(_) | Name(_)
+        )
     }
 }
 

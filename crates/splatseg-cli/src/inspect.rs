@@ -54,7 +54,7 @@ impl InspectArguments {
 }
 
 /// Prints a value as JSON.
-fn print_json(value: &impl Serialize) -> Result<(), Failure> {
+pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
     say!("{}", serde_json::to_string_pretty(value).map_err(Failure::runtime)?);
     Ok(())
 }

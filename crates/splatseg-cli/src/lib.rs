@@ -29,6 +29,7 @@ mod manifest;
 #[cfg(feature = "man")]
 mod manual;
 mod map_changes;
+mod merge;
 mod name;
 mod options;
 mod output_folder;
@@ -81,6 +82,7 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Convert(convert) => convert::convert(&convert),
         Command::Export(export) => export::export(&export),
         Command::Diff(diff) => map_changes::diff(&diff),
+        Command::Merge(merge) => merge::merge(&merge),
         Command::Find(find) => find::find(&find),
         Command::Name(name) => name::name(&name),
         Command::Live(live) => live::live(&live, program),

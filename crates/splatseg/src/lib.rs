@@ -1,6 +1,7 @@
 #![doc = include_str!("library.md")]
 
 pub mod evaluation;
+pub mod merging;
 pub mod names;
 pub mod parts;
 pub mod pipeline;

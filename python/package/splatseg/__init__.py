@@ -25,6 +25,7 @@ from .evaluation import Scores, evaluate
 from .frame import Frame
 from .live import Live
 from .memory import Memory
+from .merging import merge
 from .naming import Names, names
 from .objects import BestView, FoundObject, FrameStamp, Object, Objects, ObjectSighting, Shape, Sightings
 from .pipeline import FastSamSplat, Pipeline, Sam2Splat
@@ -70,6 +71,7 @@ __all__ = [
     "__version__",
     "evaluate",
     "load_scene_graph",
+    "merge",
     "names",
     "open_scene",
     "read_state",

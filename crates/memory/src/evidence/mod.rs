@@ -328,6 +328,15 @@ impl SegmentStore for EvidenceStore {
         self.census.apply(changes);
     }
 
+    fn append(&mut self, content: SplatContentView<'_>) -> bool {
+        let SplatContentView::Evidence { votes } = content else { return false };
+        let mut changes = CensusChanges::default();
+        votes.iter().for_each(|votes| changes.add(votes));
+        self.census.apply(changes);
+        self.votes.extend_from_slice(votes);
+        true
+    }
+
     fn new_segment(&mut self, _: SegmentId) -> Result<(), MemoryError> {
         Ok(())
     }

@@ -265,6 +265,51 @@ impl PatchGraph {
         }
     }
 
+    /// The ids that frames gave to patches.
+    pub fn ids(&self) -> BTreeSet<SegmentId> {
+        self.patches.iter().flat_map(|patch| &patch.pixels_of_ids).map(|(id, _)| *id).collect()
+    }
+
+    /// Appends the patches of another map's Gaussians, and the evidence about them.
+    pub fn append(&mut self, other: Self) {
+        let first = self.patches.len() as u32;
+        let number = |patch: u32| if patch == NO_PATCH { NO_PATCH } else { patch + first };
+        self.of_gaussians.extend(other.of_gaussians.into_iter().map(number));
+        self.unused.extend(other.unused.into_iter().map(number));
+        self.patches.extend(other.patches);
+        // Increasing keys, so that the order of a hash map has no influence.
+        let mut pairs: Vec<(u64, PairEvidence)> = other.pairs.into_iter().collect();
+        pairs.sort_unstable_by_key(|(key, _)| *key);
+        self.pairs.extend(pairs.into_iter().map(|(key, evidence)| {
+            let (one, other) = patches_of(key);
+            (pair_key(number(one), number(other)), evidence)
+        }));
+    }
+
+    /// Numbers the patches that have Gaussians from 0, in their order.
+    pub fn renumber(&mut self) {
+        let mut next = 0;
+        let numbers: Vec<u32> = self
+            .patches
+            .iter()
+            .map(|patch| {
+                next += u32::from(patch.gaussians > 0);
+                if patch.gaussians > 0 { next - 1 } else { NO_PATCH }
+            })
+            .collect();
+        let number = |patch: u32| numbers.get(patch as usize).copied().unwrap_or(NO_PATCH);
+        self.of_gaussians.iter_mut().for_each(|patch| *patch = number(*patch));
+        self.patches.retain(|patch| patch.gaussians > 0);
+        self.unused.clear();
+        let pairs = std::mem::take(&mut self.pairs).into_iter();
+        let pairs = pairs.map(|(key, evidence)| {
+            let (one, other) = patches_of(key);
+            (number(one), number(other), evidence)
+        });
+        let kept = pairs.filter(|(one, other, _)| *one != NO_PATCH && *other != NO_PATCH);
+        self.pairs = kept.map(|(one, other, evidence)| (pair_key(one, other), evidence)).collect();
+    }
+
     /// Replaces ids, `names[old] = new`.
     pub fn remap(&mut self, names: &BTreeMap<SegmentId, SegmentId>) {
         for patch in &mut self.patches {

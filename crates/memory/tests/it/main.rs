@@ -5,6 +5,7 @@ mod codebook;
 mod continuing;
 mod correction;
 mod depth_completion;
+mod joining;
 mod own_store;
 mod ply;
 mod rules;

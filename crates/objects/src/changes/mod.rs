@@ -8,7 +8,7 @@
 mod moved;
 mod views;
 
-pub use views::{DepthView, PlaceSight};
+pub use views::{DepthView, PlaceSight, place_sights};
 
 use crate::{ObjectShape, object_shapes};
 use glam::{DVec3, IVec3};

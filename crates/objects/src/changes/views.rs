@@ -1,6 +1,7 @@
 //! Evidence of a map's keyframes about a place: they saw a surface, saw nothing, or did not look.
 
 use glam::DVec3;
+use rayon::prelude::*;
 use splatseg_geometry::{Image, Intrinsics, Pose};
 
 /// A measured surface is at a point if it is within this distance of it, metres, or within the share of the depth.
@@ -71,6 +72,11 @@ pub(super) fn sight(views: &[DepthView], point: DVec3) -> PlaceSight {
         _ if empty > seen => PlaceSight::Empty,
         _ => PlaceSight::Seen,
     }
+}
+
+/// The same about many points, world coordinates, metres.
+pub fn place_sights(views: &[DepthView], points: &[DVec3]) -> Vec<PlaceSight> {
+    points.par_iter().with_min_len(256).map(|point| sight(views, *point)).collect()
 }
 
 #[cfg(test)]

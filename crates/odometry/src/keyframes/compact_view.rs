@@ -44,6 +44,27 @@ impl CompactView {
         Self { intrinsics: level.intrinsics, grey: compressed(grey), depth: compressed(depth) }
     }
 
+    /// Makes the depth unknown at the pixels (column, row) with their depths, metres, for which `is_gone` is true. Other pixels
+    /// keep their exact values. `None` if the bytes are damaged.
+    pub(crate) fn erase_depth(&mut self, is_gone: impl Fn((usize, usize), f32) -> bool) -> Option<()> {
+        let Intrinsics { width, height, .. } = self.intrinsics;
+        let mut steps = decompressed(&self.depth, width, height)?;
+        let depth = self.depth()?;
+        let mut is_changed = false;
+        for row in 0..height {
+            for column in 0..width {
+                let at = (column, row);
+                if depth[at] > 0.0 && is_gone(at, depth[at]) {
+                    (steps[at], is_changed) = (0, true);
+                }
+            }
+        }
+        if is_changed {
+            self.depth = compressed(steps.pixels().iter().copied());
+        }
+        Some(())
+    }
+
     /// True for the sizes that [`Self::new`] gives, except for images thousands of times as long as wide: their coarsest
     /// resolution is still too large. Views of other sizes are neither saved nor read.
     pub(crate) fn has_possible_size(&self) -> bool {
@@ -133,6 +154,23 @@ mod tests {
         let intrinsics = Intrinsics { fx: 500.0, fy: 500.0, cx: 10.0, cy: 10.0, width, height };
         let (grey, depth) = (Image::filled(width, height, 90.0), Image::filled(width, height, 2.0));
         CompactView::new(&Pyramid::from_level(Level { grey, depth, intrinsics }))
+    }
+
+    #[test]
+    fn erased_depth_is_unknown_and_the_rest_exact() {
+        let mut view = view(160, 120);
+        let before = view.depth().unwrap();
+        view.erase_depth(|(column, row), depth| column < 20 && row == 3 && depth > 1.0).unwrap();
+        let after = view.depth().unwrap();
+        for row in 0..120 {
+            for column in 0..160 {
+                let is_erased = column < 20 && row == 3;
+                assert_eq!(after[(column, row)], if is_erased { 0.0 } else { before[(column, row)] });
+            }
+        }
+        let same = view.clone();
+        view.erase_depth(|_, _| false).unwrap();
+        assert!(view == same);
     }
 
     #[test]

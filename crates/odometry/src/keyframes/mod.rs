@@ -96,6 +96,12 @@ impl KeyframeStore {
     /// Adds a keyframe. Returns the one that was dropped for it, and the one that replaces that.
     pub(crate) fn add(&mut self, keyframe: StoredKeyframe) -> Option<(KeyframeId, KeyframeId)> {
         let dropped = if self.by_id.len() >= MAX_STORED { self.drop_redundant() } else { None };
+        self.insert(keyframe);
+        dropped
+    }
+
+    /// Adds a keyframe, even if there are [`MAX_STORED`] already.
+    pub(crate) fn insert(&mut self, keyframe: StoredKeyframe) {
         let free = self.slots.iter().position(Option::is_none);
         let slot = free.unwrap_or_else(|| {
             self.slots.push(None);
@@ -105,7 +111,6 @@ impl KeyframeStore {
         self.by_id.insert(keyframe.id, slot as u16);
         self.next = self.next.max(keyframe.id.saturating_add(1));
         self.slots[slot] = Some(keyframe);
-        dropped
     }
 
     pub(crate) fn get(&self, id: KeyframeId) -> Option<&StoredKeyframe> {
@@ -167,7 +172,7 @@ impl KeyframeStore {
     }
 
     /// Drops the keyframe that is closest to another one of the same part.
-    fn drop_redundant(&mut self) -> Option<(KeyframeId, KeyframeId)> {
+    pub(crate) fn drop_redundant(&mut self) -> Option<(KeyframeId, KeyframeId)> {
         let all: Vec<&StoredKeyframe> = self.iter().collect();
         let candidates = &all[..all.len().saturating_sub(KEPT_LATEST)];
         let mut closest: Option<(f64, KeyframeId, KeyframeId)> = None;
@@ -185,7 +190,8 @@ impl KeyframeStore {
         Some((dropped, kept))
     }
 
-    fn drop_keyframe(&mut self, dropped: KeyframeId, kept: KeyframeId) {
+    /// Drops a keyframe, and attaches what was attached to it to another one.
+    pub(crate) fn drop_keyframe(&mut self, dropped: KeyframeId, kept: KeyframeId) {
         let Some(slot) = self.by_id.remove(&dropped) else { return };
         let (Some(gone), Some(kept_pose)) =
             (self.slots[usize::from(slot)].take(), self.get(kept).map(|keyframe| keyframe.world_from_key))

@@ -25,6 +25,7 @@ mod live_view;
 mod locate;
 mod map_changes;
 mod memory_helps;
+mod merge;
 mod mesh;
 mod name;
 mod objects;
