@@ -27,6 +27,11 @@ mod manifest;
 #[cfg(feature = "man")]
 mod manual;
 mod map_changes;
+#[cfg(feature = "mcp")]
+mod mcp;
+#[cfg(not(feature = "mcp"))]
+#[path = "without_mcp.rs"]
+mod mcp;
 mod name;
 mod options;
 mod output_folder;
@@ -81,6 +86,7 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Diff(diff) => map_changes::diff(&diff),
         Command::Find(find) => find::find(&find),
         Command::Name(name) => name::name(&name),
+        Command::Mcp(mcp) => mcp::mcp(&mcp),
         Command::Live(live) => live::live(&live, program),
         Command::Ros2(ros2) => live::ros2::ros2(&ros2, program),
         Command::Locate(locate) => locate::locate(&locate),
