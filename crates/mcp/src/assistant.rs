@@ -53,7 +53,8 @@ impl Assistant {
     pub fn with_places(options: AssistantOptions, open_places: OpenPlaces) -> Result<Self, McpError> {
         let mut map = OpenMap::open(&options, open_places)?;
         if options.network.is_some() && map.current().map.names.embeddings().next().is_none() {
-            let problem = "its objects were not named with a network: run `splatseg name MAP --names FILE` first".to_owned();
+            let problem =
+                "its objects were not named with a network: run `splatseg name MAP --names FILE` first".to_owned();
             return Err(McpError::File { path: options.map, problem });
         }
         let earlier = options.earlier.as_ref().map(NamedMap::load).transpose()?;

@@ -8,6 +8,9 @@ const STEPS: usize = 200;
 /// The search ends when a step changes the distance by less, metres.
 const SETTLED: f64 = 1e-5;
 
+/// Places this far outside a box count as in it, metres.
+const EDGE: f64 = 0.01;
+
 /// A box of any orientation, in double precision. World coordinates, metres.
 #[derive(Clone, Copy, Debug)]
 pub struct SolidBox {
@@ -35,6 +38,11 @@ impl SolidBox {
     fn nearest_to(&self, place: DVec3) -> DVec3 {
         let own = self.rotation.inverse() * (place - self.center);
         self.center + self.rotation * own.clamp(-self.half, self.half)
+    }
+
+    /// True if a place is in the box or nearly so.
+    pub fn has(&self, place: DVec3) -> bool {
+        self.nearest_to(place).distance(place) <= EDGE
     }
 
     /// The nearest points of this box and another one; the same point twice if they overlap. Projects a point onto either

@@ -32,7 +32,7 @@ mod tools;
 
 pub use assistant::{Assistant, AssistantOptions};
 pub use error::McpError;
-pub use places::{OpenPlaces, Places};
+pub use places::{Destination, OpenPlaces, Places};
 pub use server::{MAX_MESSAGE_BYTES, MapServer, serve_stdio};
 pub use tool::{Outcome, Picture};
 

@@ -78,8 +78,9 @@ impl OpenMap {
         if stamp == self.stamp {
             return Ok(());
         }
-        let loaded = LoadedMap::load(&self.path, self.objects.as_deref(), &self.open_places)
-            .map_err(|error| format!("The map's file has changed but cannot be read, so this is the map as it was before: {error}"))?;
+        let loaded = LoadedMap::load(&self.path, self.objects.as_deref(), &self.open_places).map_err(|error| {
+            format!("The map's file has changed but cannot be read, so this is the map as it was before: {error}")
+        })?;
         self.stamp = stamp;
         let before = std::mem::replace(&mut self.current, loaded);
         self.first.get_or_insert(before);

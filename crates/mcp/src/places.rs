@@ -14,12 +14,21 @@ pub trait Places: Send {
     /// its way, `None` if nobody has looked.
     fn is_free(&self, place: DVec3) -> Option<bool>;
 
-    /// The shortest way for a robot of a radius (metres) from one place to another: points on the floor, world coordinates,
-    /// metres. It ends as near to the last place as the robot can come.
+    /// The shortest way for a robot of a radius (metres) from one place to another, or to where it faces an object: points on
+    /// the floor, world coordinates, metres.
     ///
     /// # Errors
     /// A sentence: there is no way, or a place is not known.
-    fn route(&self, from: DVec3, to: DVec3, radius: f64) -> Result<Vec<DVec3>, String>;
+    fn route(&self, from: DVec3, to: Destination, radius: f64) -> Result<Vec<DVec3>, String>;
+}
+
+/// Where a route ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Destination {
+    /// At a place, or as near to it as the robot can come. World coordinates, metres.
+    Place(DVec3),
+    /// Before an object.
+    Object(SegmentId),
 }
 
 /// Finds the places of a map each time that it is loaded. An error is a sentence that says why there are none.

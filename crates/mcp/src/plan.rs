@@ -2,7 +2,7 @@
 
 use crate::boxes::convex_hull;
 use crate::canvas::{Canvas, Rectangle};
-use crate::facts::{called, rounded, solid};
+use crate::facts::{rounded, solid};
 use crate::open_map::LoadedMap;
 use crate::tool::{Picture, ToolError};
 use glam::{DQuat, DVec2, DVec3};
@@ -11,7 +11,7 @@ use serde::Serialize;
 use splatseg_geometry::{Image, SegmentId};
 use splatseg_objects::Object;
 use splatseg_output::segment_color;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Longest side of the picture, pixels.
 const MAX_SIDE: f64 = 1000.0;
@@ -185,6 +185,18 @@ fn gaussians(map: &LoadedMap) -> impl Iterator<Item = (DVec3, f32, [u8; 3])> {
         .map(move |(((mean, radius), color), _)| (mean.as_dvec3() + view.origin, *radius, *color))
 }
 
+/// Where the Gaussians of each object are, world coordinates, metres.
+fn points_of_objects(map: &LoadedMap) -> BTreeMap<SegmentId, Vec<DVec3>> {
+    let view = map.map.memory.map();
+    let mut points: BTreeMap<SegmentId, Vec<DVec3>> = BTreeMap::new();
+    for ((mean, surface), id) in view.means.iter().zip(view.surfaces).zip(view.segment_ids()) {
+        if surface.has_place() {
+            points.entry(id).or_default().push(mean.as_dvec3() + view.origin);
+        }
+    }
+    points
+}
+
 /// The ground of the picture: what one sees from above without ceiling, pale; free space where it is known.
 fn ground(map: &LoadedMap, layout: &Layout) -> Image<[u8; 3]> {
     let (width, height) = layout.size;
@@ -226,13 +238,22 @@ fn ground(map: &LoadedMap, layout: &Layout) -> Image<[u8; 3]> {
 
 /// The footprints of the objects that count, the largest first. What hangs above the ceiling is left out.
 fn footprints<'a>(map: &'a LoadedMap, layout: &Layout, shown: &Shown<'_>) -> Vec<Footprint<'a>> {
+    let points = points_of_objects(map);
     let footprint = |object: &'a Object| {
-        let corners = solid(object)?.corners();
-        let is_low = corners.iter().any(|corner| layout.height(*corner) < CEILING);
-        let polygon = convex_hull(corners.map(|corner| layout.pixel(corner)).to_vec());
+        let solid = solid(object)?;
+        // Stray points of an object are outside its box.
+        let own: Vec<DVec3> =
+            points.get(&object.id).into_iter().flatten().copied().filter(|at| solid.has(*at)).collect();
+        let is_low = own.iter().any(|point| layout.height(*point) < CEILING);
+        let polygon = convex_hull(own.iter().map(|point| layout.pixel(*point)).collect());
         let area = 0.5 * (0..polygon.len()).map(|i| polygon[i].perp_dot(polygon[(i + 1) % polygon.len()])).sum::<f64>();
-        let center = layout.pixel(solid(object)?.center());
-        (is_low || shown.objects.contains(&object.id)).then_some(Footprint { object, polygon, center, area: area.abs() })
+        let center = layout.pixel(solid.center());
+        (is_low || shown.objects.contains(&object.id)).then_some(Footprint {
+            object,
+            polygon,
+            center,
+            area: area.abs(),
+        })
     };
     let also = map.list.not_counted.iter().filter(|object| shown.objects.contains(&object.id));
     let mut footprints: Vec<Footprint<'_>> = map.list.objects.iter().chain(also).filter_map(footprint).collect();
@@ -245,8 +266,8 @@ fn draw_bar(canvas: &mut Canvas, layout: &Layout) -> Rectangle {
     let bottom = canvas.size().1 as f64 - 8.0;
     let (from, to) = (DVec2::new(8.0, bottom), DVec2::new(8.0 + LENGTH_OF_BAR * layout.scale, bottom));
     canvas.line(from, to, [0; 3], 3);
-    let at = Canvas::text_rectangle(DVec2::new(28.0, bottom - 14.0), "1 m", 2);
-    canvas.text(at, "1 m", 2);
+    let at = Canvas::text_rectangle(DVec2::new(56.0, bottom - 14.0), "1 metre", 2);
+    canvas.text(at, "1 metre", 2);
     let Rectangle([left, top, right, _]) = at;
     Rectangle([left, top, right.max(to.x as i64), canvas.size().1 as i64])
 }
@@ -262,7 +283,8 @@ fn draw_labels<'a, 'b: 'a>(
     let inside = |at: &Rectangle| at.0[0] >= 0 && at.0[1] >= 0 && at.0[2] <= width as i64 && at.0[3] <= height as i64;
     for Footprint { object, center, .. } in footprints {
         let whole = object.label.as_ref().map(|label| format!("{} {label}", object.id));
-        let texts = whole.into_iter().map(|text| (text, 2)).chain([(object.id.to_string(), 2), (object.id.to_string(), 1)]);
+        let texts =
+            whole.into_iter().map(|text| (text, 2)).chain([(object.id.to_string(), 2), (object.id.to_string(), 1)]);
         let place = texts.map(|(text, dot)| (Canvas::text_rectangle(*center, &text, dot), text, dot));
         let mut place = place.filter(|(at, ..)| inside(at) && !taken.iter().any(|other| other.overlaps(at)));
         let Some((at, text, dot)) = place.next() else {
@@ -288,7 +310,10 @@ impl PlanFacts {
             self.size_px[0] as f64 * self.meters_per_pixel,
             self.size_px[1] as f64 * self.meters_per_pixel
         );
-        let names = self.labelled.iter().filter_map(|label| map.object(label.id)).map(called);
+        let names = self.labelled.iter().filter_map(|label| map.object(label.id)).map(|object| match &object.label {
+            Some(label) => format!("{} {label}", object.id),
+            None => object.id.to_string(),
+        });
         text += &format!(" {}.", names.collect::<Vec<_>>().join(", "));
         if self.without_label > 0 {
             text += &format!(" {} more objects are drawn without a label.", self.without_label);

@@ -33,7 +33,8 @@ pub struct MapServer {
 impl MapServer {
     /// A server with the tools of an assistant.
     pub fn new(mut assistant: Assistant) -> Self {
-        let about = Implementation::new("splatseg", env!("CARGO_PKG_VERSION")).with_title("splatseg: objects of a place");
+        let about =
+            Implementation::new("splatseg", env!("CARGO_PKG_VERSION")).with_title("splatseg: objects of a place");
         let config = ServerConfig::new(ServerCapabilities::builder().enable_tools().build())
             .with_server_info(about)
             .with_instructions(assistant.instructions());
@@ -88,7 +89,9 @@ impl ServerHandler for MapServer {
         };
         let call = tokio::task::spawn_blocking(move || {
             let mut assistant = assistant;
-            assistant.call(&request.name, request.arguments.unwrap_or_default()).ok_or_else(|| unknown(&assistant, &request.name))
+            assistant
+                .call(&request.name, request.arguments.unwrap_or_default())
+                .ok_or_else(|| unknown(&assistant, &request.name))
         });
         let outcome = tokio::select! {
             ended = call => ended.map_err(|error| ErrorData::internal_error(format!("the tool failed: {error}"), None))?,

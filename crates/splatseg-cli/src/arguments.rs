@@ -113,10 +113,7 @@ impl Command {
     /// True for the commands that have threads, but no setting for their number.
     pub fn has_fixed_threads(&self) -> bool {
         use Command::{Convert, Diff, Eval, Export, Find, Inspect, Locate, Mcp, Name};
-        matches!(
-            self,
-            Convert(_) | Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_) | Mcp(_) | Name(_)
-        )
+        matches!(self, Convert(_) | Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_) | Mcp(_) | Name(_))
     }
 }
 

@@ -54,7 +54,8 @@ impl MapBefore {
 
     /// The state in a saved memory and its keyframes, which were loaded from `path`.
     fn new(path: &Path, (memory, keyframes): (SplatMemory, Vec<u8>)) -> Result<Self, Failure> {
-        let views = depth_views(&keyframes, None).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
+        let views =
+            depth_views(&keyframes, None).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
         let observed = ObservedMap::new(&memory.map(), views);
         Ok(Self { memory, observed, keyframes })
     }

@@ -146,7 +146,8 @@ fn outlined(color: &Image<[u8; 3]>, segments: &SegmentMap, id: SegmentId, window
     let (width, height) = (width * factor, height * factor);
     Image::from_fn(width, height, |column, row| {
         // Two pixels wide, outside the object, so that nothing of it is hidden.
-        let (columns, rows) = (column.saturating_sub(2)..(column + 3).min(width), row.saturating_sub(2)..(row + 3).min(height));
+        let (columns, rows) =
+            (column.saturating_sub(2)..(column + 3).min(width), row.saturating_sub(2)..(row + 3).min(height));
         if !shows(column, row) && rows.clone().any(|row| columns.clone().any(|column| shows(column, row))) {
             OUTLINE
         } else {

@@ -1,11 +1,11 @@
 //! `route`: a way for a robot from one object or place to another.
 
 use super::what_is_near::point_box;
-use crate::Assistant;
 use crate::facts::{place, rounded, thousandths};
 use crate::object_reference::ObjectReference;
 use crate::plan::{Shown, draw};
 use crate::tool::{Answer, Tool, ToolError};
+use crate::{Assistant, Destination};
 use glam::DVec3;
 use rmcp::schemars::{self, JsonSchema};
 use serde::{Deserialize, Serialize};
@@ -64,8 +64,10 @@ impl Tool for Route {
         if !(0.0..=MAX_RADIUS).contains(&radius) {
             return Err(ToolError(format!("radius_m: found {radius}, expected 0 to {MAX_RADIUS}.")));
         }
-        let ((from, from_words, one), (to, to_words, other)) = (assistant.stop(&input.from)?, assistant.stop(&input.to)?);
-        let route = assistant.places()?.route(from, to, radius)?;
+        let ((from, from_words, one), (to, to_words, other)) =
+            (assistant.stop(&input.from)?, assistant.stop(&input.to)?);
+        let destination = other.map_or(Destination::Place(to), Destination::Object);
+        let route = assistant.places()?.route(from, destination, radius)?;
         let length: f64 = route.windows(2).map(|part| part[0].distance(part[1])).sum();
         let shown = Shown { objects: one.into_iter().chain(other).collect(), route: &route };
         let (picture, _) = draw(assistant.map.current(), &shown)?;

@@ -131,7 +131,9 @@ fn between(before: &NamedMap, after: &NamedMap) -> Result<MapChanges, ToolError>
     };
     let new_views = views(&later, Some(&earlier))?;
     if new_views.is_empty() {
-        return Err(ToolError("Nothing was looked at since: the map has no keyframes besides the earlier ones.".to_owned()));
+        return Err(ToolError(
+            "Nothing was looked at since: the map has no keyframes besides the earlier ones.".to_owned(),
+        ));
     }
     let before = ObservedMap::new(&before.memory.map(), views(&earlier, None)?);
     Ok(MapChanges::between(&before, &ObservedMap::new(&after.memory.map(), new_views)))

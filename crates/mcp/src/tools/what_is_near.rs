@@ -64,12 +64,13 @@ pub struct NearObject {
 impl NearObject {
     /// E.g. `table (3), 0.02 m away, below it`.
     pub fn words(&self) -> String {
-        let name = self.name.as_ref().map_or_else(|| format!("object {}", self.id), |name| format!("{name} ({})", self.id));
+        let name =
+            self.name.as_ref().map_or_else(|| format!("object {}", self.id), |name| format!("{name} ({})", self.id));
         format!("{name}, {:.2} m away, {} it", self.distance_m, self.side)
     }
 }
 
-/// The objects that count within a radius of a box, the nearest first, equally near ones by id.
+/// The objects that count within a radius of a box, the nearest first.
 pub fn near(map: &LoadedMap, middle: &SolidBox, radius: f64, except: Option<SegmentId>) -> Vec<NearObject> {
     let (low, high) = middle.extent(map.up);
     let center = middle.center();
@@ -89,7 +90,12 @@ pub fn near(map: &LoadedMap, middle: &SolidBox, radius: f64, except: Option<Segm
             (distance <= radius).then_some(NearObject { id, name, distance_m: thousandths(distance), side, offset_m })
         })
         .collect();
-    near.sort_by(|one, other| one.distance_m.total_cmp(&other.distance_m).then(one.id.cmp(&other.id)));
+    // Of several that touch it, the one whose centre is nearest.
+    let apart = |object: &NearObject| DVec3::from(object.offset_m).length();
+    near.sort_by(|one, other| {
+        let by_center = apart(one).total_cmp(&apart(other));
+        one.distance_m.total_cmp(&other.distance_m).then(by_center).then(one.id.cmp(&other.id))
+    });
     near
 }
 
@@ -133,7 +139,9 @@ impl Tool for WhatIsNear {
 /// A place of a client.
 pub fn point_box(point: [f64; 3]) -> Result<SolidBox, ToolError> {
     if point.iter().any(|coordinate| !coordinate.is_finite() || coordinate.abs() > FARTHEST) {
-        return Err(ToolError(format!("point: found {point:?}, expected three numbers from -{FARTHEST} to {FARTHEST}.")));
+        return Err(ToolError(format!(
+            "point: found {point:?}, expected three numbers from -{FARTHEST} to {FARTHEST}."
+        )));
     }
     Ok(SolidBox::point(DVec3::from(point)))
 }

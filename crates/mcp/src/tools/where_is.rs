@@ -79,7 +79,10 @@ impl Tool for WhereIs {
             }
             _ => text += " never had depth, so its place is not known.",
         }
-        text += &facts.room.as_ref().map_or_else(|| " Its room is not known.".to_owned(), |room| format!(" It is in {room}."));
+        text += &facts
+            .room
+            .as_ref()
+            .map_or_else(|| " Its room is not known.".to_owned(), |room| format!(" It is in {room}."));
         text += &match (&facts.last_seen, &map.sightings_problem) {
             (Some(seen), _) => format!(" It was last seen {}.", seen.words()),
             (None, Some(problem)) => format!(" When it was last seen is not known: {problem}."),

@@ -30,11 +30,7 @@ pub fn views_from_keyframes(memory: &SplatMemory, keyframes: &[u8]) -> Result<Ke
 }
 
 /// The object at each pixel of a keyframe's colour image, as the map tells. `None` if the keyframe is no possible frame.
-pub fn segments_of_keyframe(
-    memory: &SplatMemory,
-    view: &KeyframeView,
-    color: &Image<[u8; 3]>,
-) -> Option<SegmentMap> {
+pub fn segments_of_keyframe(memory: &SplatMemory, view: &KeyframeView, color: &Image<[u8; 3]>) -> Option<SegmentMap> {
     let ids = ids_of(memory, view, color)?;
     Some(Image::from_fn(color.width(), color.height(), |column, row| {
         ids[(column * ids.width() / color.width(), row * ids.height() / color.height())]

@@ -168,7 +168,10 @@ mod tests {
             ("brown", [100, 70, 50]),
             ("yellow", [220, 200, 70]),
         ];
-        assert_eq!(["red", "white", "brown"].map(|word| color_word(COLORS.iter().find(|(name, _)| *name == word).unwrap().1)), ["red", "white", "brown"]);
+        assert_eq!(
+            ["red", "white", "brown"].map(|word| color_word(COLORS.iter().find(|(name, _)| *name == word).unwrap().1)),
+            ["red", "white", "brown"]
+        );
         for (word, _) in samples {
             let query = Query::new(word);
             let best = samples
