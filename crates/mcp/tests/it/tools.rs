@@ -260,7 +260,7 @@ fn sightings_tell_when_objects_were_seen() {
         assert!(client.ask("where_is", json!({ "object": "mug" })).await.0.contains("frame 40"));
     });
     // That of another map is refused if it was named, and said to be useless if it lies there by chance.
-    let other = ObjectList { objects: Vec::new(), ..list };
+    let other = ObjectList { objects: Vec::new(), not_counted: Vec::new(), ..list };
     fs::write(map.with_extension("objects.json"), other.to_json().unwrap()).unwrap();
     with_client(Assistant::open(options(&map)).unwrap(), async |client| {
         assert!(client.ask("where_is", json!({ "object": "mug" })).await.0.contains("of another map"));

@@ -22,6 +22,7 @@ mod live;
 mod live_view;
 mod locate;
 mod map_changes;
+mod mcp;
 mod memory_helps;
 mod mesh;
 mod name;
