@@ -42,7 +42,9 @@ async def check(program: str, map_file: str, pictures: Path | None) -> None:
                     suffix = image["mimeType"].removeprefix("image/")
                     pictures.mkdir(parents=True, exist_ok=True)
                     (pictures / f"{name}.{suffix}").write_bytes(base64.b64decode(image["data"]))
-        refused = (await session.call_tool("where_is", {"object": 4_000_000_000})).model_dump(by_alias=True, mode="json")
+        refused = (await session.call_tool("where_is", {"object": 4_000_000_000})).model_dump(
+            by_alias=True, mode="json"
+        )
         assert refused["isError"], refused
     print("all tools answer")
 

@@ -73,7 +73,7 @@ fn objects_are_listed_page_by_page_and_narrowed() {
         assert!(large["objects"].as_array().unwrap().iter().all(|object| object["size_m"][0].as_f64().unwrap() >= 1.0));
 
         assert!(client.refused("list_objects", json!({ "limit": 0 })).await.contains("expected 1 to 100"));
-        assert!(client.refused("list_objects", json!({ "limt": 3 })).await.contains("unknown field `limt`"));
+        assert!(client.refused("list_objects", json!({ "colour": 3 })).await.contains("unknown field `colour`"));
         assert!(client.refused("list_objects", json!({ "seen_since_s": 1 })).await.contains("not known"));
         let (_, data) = client.ask("list_objects", json!({ "offset": u64::MAX })).await;
         assert!(data["objects"].as_array().unwrap().is_empty() && data["next_offset"].is_null());
