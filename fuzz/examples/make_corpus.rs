@@ -45,10 +45,28 @@ fn main() -> std::io::Result<()> {
         "a.weight":{"dtype":"F32","shape":[2,1],"data_offsets":[0,8]},
         "b":{"dtype":"BF16","shape":[3],"data_offsets":[8,14]}}"#;
     write(folder, "safetensors", &[files::safetensors_file(header, &[1; 14])])?;
-    write(folder, "tokenizer", &[b"the cat's 3 mugs, isn't it? <end_of_text>".to_vec(), b"a b</w>\nl o\nlo w</w>\n".to_vec()])?;
+    write(
+        folder,
+        "tokenizer",
+        &[b"the cat's 3 mugs, isn't it? <end_of_text>".to_vec(), b"a b</w>\nl o\nlo w</w>\n".to_vec()],
+    )?;
     let saved = |kind| sample::saved(&sample::sample(kind, 3));
     let (evidence, features) = (saved(MemoryKind::Evidence), saved(MemoryKind::Features));
     write(folder, "ply", &[with_choice(0, &evidence), with_choice(128, &evidence), with_choice(129, &features)])?;
+    let call = |name: &str, arguments: &str| {
+        let params = format!(r#"{{"name":"{name}","arguments":{arguments}}}"#);
+        format!(r#"{{"jsonrpc":"2.0","id":1,"method":"tools/call","params":{params}}}"#).into_bytes()
+    };
+    let calls = [
+        ("list_objects", r#"{"limit":5,"name":"a","min_size_m":0.1}"#),
+        ("find_objects", r#"{"words":"the small red one","limit":3}"#),
+        ("where_is", r#"{"object":1}"#),
+        ("what_is_near", r#"{"point":[0.5,0,1],"radius_m":2}"#),
+        ("what_changed", r#"{"since":"server_start"}"#),
+        ("picture_of", r#"{"object":2,"close_up":true}"#),
+        ("plan_view", r#"{"objects":[1,"largest"]}"#),
+    ];
+    write(folder, "mcp", &calls.map(|(name, arguments)| call(name, arguments)))?;
     let settings = "method = \"fastsam-splat\"\nseed = 3\n[memory]\nmax_votes = 8.0\n[dataset]\nresize = \"320x240\"\n";
     write(folder, "config", &[settings.into(), b"memory.max_votes=8".to_vec(), b"segmenter=\"graph\"".to_vec()])
 }

@@ -1,5 +1,6 @@
 //! Shared by the fuzz targets: small valid files of every format, and a folder for damaged copies.
 
+mod assistant;
 mod checkpoint;
 #[path = "../../crates/models/tests/it/checkpoint/files.rs"]
 #[allow(dead_code)] // The tests use more of it.
@@ -15,6 +16,7 @@ pub mod scenes;
 #[path = "../../crates/dataset/tests/it/support/mod.rs"]
 pub mod support;
 
+pub use assistant::assistant;
 pub use checkpoint::read_checkpoint;
 pub use place::{Place, read_scene};
 

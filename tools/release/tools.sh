@@ -8,8 +8,8 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' "$root/Cargo.toml")
 target=${TARGET:-$(rustc -vV | sed -n 's/^host: //p')}
 glibc=2.17
-# `FEATURES=` builds without networks and ROS 2, in less time.
-features=${FEATURES-networks ros2}
+# `FEATURES=` builds without networks, ROS 2 and the server for assistants, in less time.
+features=${FEATURES-networks ros2 mcp}
 built=${CARGO_TARGET_DIR:-$root/target}
 python=$(command -v python || command -v python3)
 venv=$built/release-tools

@@ -5,8 +5,8 @@
 
 mod coco;
 mod crops;
-mod digits;
 mod error;
+mod glyphs;
 mod mcap_file;
 mod objects_file;
 mod overlay;
@@ -17,6 +17,7 @@ mod run_output;
 
 pub use coco::CocoFile;
 pub use error::{OutputError, write_atomically, write_unsynced};
+pub use glyphs::{GLYPH_HEIGHT, text_pixels, text_width};
 pub use mcap_file::{Compression, McapFile, SceneCounts, SceneRecording, StreamRecording};
 pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};

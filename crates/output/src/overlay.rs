@@ -1,6 +1,6 @@
 //! Segments drawn over their image, for viewing.
 
-use crate::digits::{DIGIT_HEIGHT, decimal_digits, text_pixels, text_width};
+use crate::glyphs::{GLYPH_HEIGHT, text_pixels, text_width};
 use crate::{OutputError, write_unsynced};
 use splatseg_geometry::{CowImage, Image, SegmentId, SegmentMap};
 use std::cmp::Reverse;
@@ -226,9 +226,9 @@ fn relax<'a>(
 
 /// White digits with a dark outline.
 fn draw_number(image: &mut Image<[u8; 3]>, spot: &LabelSpot) {
-    let digits = decimal_digits(spot.id);
+    let digits = spot.id.to_string();
     let dot = spot.dot;
-    let (text_columns, text_rows) = (text_width(&digits) * dot, DIGIT_HEIGHT * dot);
+    let (text_columns, text_rows) = (text_width(&digits) * dot, GLYPH_HEIGHT * dot);
     let place = |center: usize, text: usize, side: usize| {
         center.saturating_sub(text / 2).max(1).min(side.saturating_sub(text + 1))
     };

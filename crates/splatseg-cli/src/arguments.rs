@@ -17,6 +17,7 @@ use super::locate::LocateArguments;
 #[cfg(feature = "man")]
 use super::manual::ManArguments;
 use super::map_changes::DiffArguments;
+use super::mcp::McpArguments;
 use super::merge::MergeArguments;
 use super::name::NameArguments;
 use super::options::SettingsOptions;
@@ -96,6 +97,8 @@ pub enum Command {
     Find(FindArguments),
     /// Give the objects of a saved memory names: by hand, from a file, or with a network
     Name(NameArguments),
+    /// Serve a saved memory to an assistant: tools that list, find, show and name its objects (Model Context Protocol)
+    Mcp(McpArguments),
     /// Find where single frames were taken, in the coordinates of a saved memory
     Locate(Box<LocateArguments>),
     /// List the devices that networks can run on, and test each one
@@ -112,10 +115,10 @@ pub enum Command {
 impl Command {
     /// True for the commands that have threads, but no setting for their number.
     pub fn has_fixed_threads(&self) -> bool {
-        use Command::{Convert, Diff, Eval, Export, Find, Inspect, Locate, Merge, Name};
+        use Command::{Convert, Diff, Eval, Export, Find, Inspect, Locate, Mcp, Merge, Name};
         matches!(
             self,
-            Convert(_) | Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_) | Merge(_) | Name(_)
+            Convert(_) | Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_) | Mcp(_) | Merge(_) | Name(_)
         )
     }
 }

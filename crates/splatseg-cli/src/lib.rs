@@ -29,6 +29,11 @@ mod manifest;
 #[cfg(feature = "man")]
 mod manual;
 mod map_changes;
+#[cfg(feature = "mcp")]
+mod mcp;
+#[cfg(not(feature = "mcp"))]
+#[path = "without_mcp.rs"]
+mod mcp;
 mod merge;
 mod name;
 mod options;
@@ -85,6 +90,7 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Merge(merge) => merge::merge(&merge),
         Command::Find(find) => find::find(&find),
         Command::Name(name) => name::name(&name),
+        Command::Mcp(mcp) => mcp::mcp(&mcp),
         Command::Live(live) => live::live(&live, program),
         Command::Ros2(ros2) => live::ros2::ros2(&ros2, program),
         Command::Locate(locate) => locate::locate(&locate),

@@ -4,12 +4,12 @@ use super::Failure;
 use super::options::memory_limit;
 use super::terminal::counted;
 use clap::Args;
+use splatseg::pipeline::depth_views;
 use splatseg::settings::SettingsLayers;
 use splatseg_files::AtomicFile;
 use splatseg_geometry::MapView;
 use splatseg_memory::SplatMemory;
-use splatseg_objects::{ChangedObject, DepthView, MapChanges, ObjectShape, ObservedMap};
-use splatseg_odometry::keyframe_views;
+use splatseg_objects::{ChangedObject, MapChanges, ObjectShape, ObservedMap};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -54,7 +54,8 @@ impl MapBefore {
 
     /// The state in a saved memory and its keyframes, which were loaded from `path`.
     fn new(path: &Path, (memory, keyframes): (SplatMemory, Vec<u8>)) -> Result<Self, Failure> {
-        let views = views(&keyframes, None).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
+        let views =
+            depth_views(&keyframes, None).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
         let observed = ObservedMap::new(&memory.map(), views);
         Ok(Self { memory, observed, keyframes })
     }
@@ -66,7 +67,7 @@ impl MapBefore {
 
     /// Compares it with a later map. `keyframes` are those of the later map.
     pub fn changes(&self, after: &MapView<'_>, keyframes: &[u8]) -> Result<MapChanges, Failure> {
-        let views = views(keyframes, Some(&self.keyframes)).map_err(Failure::runtime)?;
+        let views = depth_views(keyframes, Some(&self.keyframes)).map_err(Failure::runtime)?;
         Ok(MapChanges::between(&self.observed, &ObservedMap::new(after, views)))
     }
 }
@@ -79,16 +80,6 @@ pub fn load_with_keyframes(path: &Path) -> Result<Option<(SplatMemory, Vec<u8>)>
     let Some(memory) = settings.method.memory() else { return Ok(None) };
     let mut memory = SplatMemory::load(path, memory.clone()).map_err(Failure::input)?;
     Ok(memory.take_keyframes().map(|keyframes| (memory, keyframes)))
-}
-
-fn views(keyframes: &[u8], earlier: Option<&[u8]>) -> Result<Vec<DepthView>, splatseg_odometry::PoseSourceError> {
-    let views = keyframe_views(keyframes, earlier)?;
-    let view = |view: splatseg_odometry::KeyframeView| DepthView {
-        world_from_camera: view.world_from_camera,
-        intrinsics: view.intrinsics,
-        depth: view.depth,
-    };
-    Ok(views.into_iter().map(view).collect())
 }
 
 /// Compares two saved maps.
@@ -106,7 +97,7 @@ pub fn diff(arguments: &DiffArguments) -> Result<(), Failure> {
     };
     let before = load(&arguments.before)?;
     let (after, keyframes_after) = load(&arguments.after)?;
-    let views = views(&keyframes_after, Some(&before.1)).map_err(Failure::input)?;
+    let views = depth_views(&keyframes_after, Some(&before.1)).map_err(Failure::input)?;
     if views.is_empty() {
         let (before, after) = (arguments.before.display(), arguments.after.display());
         return Err(Failure::input(format!("{after}: has no keyframes besides those of {before}")));

@@ -6,8 +6,8 @@ use std::process::Command;
 /// Maximum number of crates, with those of this project, that `cargo run --release -- demo` builds.
 const MAX_CRATES: usize = 200;
 
-/// What only the features `networks` and `ros2` may bring.
-const OF_FEATURES: [&str; 4] = ["burn", "burn-flex", "rustdds", "splatseg-ros2"];
+/// What only the features `networks`, `ros2` and `mcp` may bring.
+const OF_FEATURES: [&str; 6] = ["burn", "burn-flex", "rmcp", "rustdds", "splatseg-mcp", "splatseg-ros2"];
 
 #[test]
 fn the_demo_is_built_from_few_crates() {
@@ -16,7 +16,7 @@ fn the_demo_is_built_from_few_crates() {
     assert!(has(&core, "splatseg-segmenter"), "{core:?}");
     assert!(core.len() <= MAX_CRATES, "{} crates, expected at most {MAX_CRATES}: {core:?}", core.len());
     assert!(OF_FEATURES.iter().all(|name| !has(&core, name)), "{core:?}");
-    let Some(all) = crates(&["--features", "networks,ros2"]) else { return };
+    let Some(all) = crates(&["--features", "networks,ros2,mcp"]) else { return };
     assert!(OF_FEATURES.iter().all(|name| has(&all, name)), "{all:?}");
 }
 

@@ -24,6 +24,7 @@ mod live;
 mod live_view;
 mod locate;
 mod map_changes;
+mod mcp;
 mod memory_helps;
 mod merge;
 mod mesh;

@@ -16,10 +16,7 @@ pub fn views_from_keyframes(memory: &SplatMemory, keyframes: &[u8]) -> Result<Ke
     let mut views = KeptViews::default();
     for (number, view) in keyframe_views(keyframes, None)?.into_iter().enumerate() {
         let Some(color) = view.color() else { continue };
-        let Some(ids) = ids_of(memory, &view, &color) else { continue };
-        let larger = Image::from_fn(color.width(), color.height(), |column, row| {
-            ids[(column * ids.width() / color.width(), row * ids.height() / color.height())]
-        });
+        let Some(larger) = segments_of_keyframe(memory, &view, &color) else { continue };
         let frame = ViewedFrame {
             color: &color,
             segments: &larger,
@@ -30,6 +27,14 @@ pub fn views_from_keyframes(memory: &SplatMemory, keyframes: &[u8]) -> Result<Ke
         views.record(&frame, &sightings(&larger, number));
     }
     Ok(views)
+}
+
+/// The object at each pixel of a keyframe's colour image, as the map tells. `None` if the keyframe is no possible frame.
+pub fn segments_of_keyframe(memory: &SplatMemory, view: &KeyframeView, color: &Image<[u8; 3]>) -> Option<SegmentMap> {
+    let ids = ids_of(memory, view, color)?;
+    Some(Image::from_fn(color.width(), color.height(), |column, row| {
+        ids[(column * ids.width() / color.width(), row * ids.height() / color.height())]
+    }))
 }
 
 /// The object at each pixel of a keyframe's depth image. `None` if the keyframe is no possible frame.

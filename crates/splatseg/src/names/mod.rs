@@ -23,7 +23,7 @@ mod vocabulary;
 
 pub use clip_names::{ClipNames, NamesError};
 pub use find::{FoundObject, find_objects};
-pub use keyframe_crops::views_from_keyframes;
+pub use keyframe_crops::{segments_of_keyframe, views_from_keyframes};
 pub use namer::ClipNamerSettings;
-pub use query::Query;
+pub use query::{Query, color_word};
 pub use vocabulary::{Vocabulary, VocabularyError};

@@ -109,6 +109,13 @@ impl Query {
     }
 }
 
+/// The word that fits an sRGB colour best, e.g. `red`.
+pub fn color_word(color: [u8; 3]) -> &'static str {
+    let distance = |rgb: [u8; 3]| color_distance(lab(color), lab(rgb));
+    let nearest = COLORS.iter().min_by(|one, other| distance(one.1).total_cmp(&distance(other.1)));
+    nearest.map_or("grey", |(word, _)| word)
+}
+
 /// Distance to the nearest colour that has a word.
 fn nearest_color(color: [f32; 3]) -> f32 {
     COLORS.iter().map(|(_, rgb)| color_distance(color, lab(*rgb))).fold(f32::INFINITY, f32::min)
@@ -161,6 +168,10 @@ mod tests {
             ("brown", [100, 70, 50]),
             ("yellow", [220, 200, 70]),
         ];
+        assert_eq!(
+            ["red", "white", "brown"].map(|word| color_word(COLORS.iter().find(|(name, _)| *name == word).unwrap().1)),
+            ["red", "white", "brown"]
+        );
         for (word, _) in samples {
             let query = Query::new(word);
             let best = samples

@@ -4,7 +4,8 @@ use super::PipelineError;
 use crate::names::{ClipNames, NamesError, views_from_keyframes};
 use crate::settings::SettingsLayers;
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
-use splatseg_objects::{ObjectList, ObjectLog, ObjectName, ObjectNames};
+use splatseg_objects::{DepthView, ObjectList, ObjectLog, ObjectName, ObjectNames};
+use splatseg_odometry::{KeyframeView, PoseSourceError, keyframe_views};
 use std::path::{Path, PathBuf};
 
 /// A saved memory and the names that [`Pipeline::name_objects`](super::Pipeline::name_objects) gave its objects.
@@ -82,6 +83,20 @@ impl NamedMap {
         let attached = Attached { keyframes: self.keyframes.as_deref(), names: names.as_deref() };
         self.memory.save_with(path, attached)
     }
+}
+
+/// What the camera saw of a map, for [`ObservedMap`](splatseg_objects::ObservedMap): the depth of its keyframes, without
+/// those that it has in common with an earlier map. Both are bytes as in [`NamedMap::keyframes`].
+///
+/// # Errors
+/// As [`keyframe_views`].
+pub fn depth_views(keyframes: &[u8], earlier: Option<&[u8]>) -> Result<Vec<DepthView>, PoseSourceError> {
+    let view = |view: KeyframeView| DepthView {
+        world_from_camera: view.world_from_camera,
+        intrinsics: view.intrinsics,
+        depth: view.depth,
+    };
+    Ok(keyframe_views(keyframes, earlier)?.into_iter().map(view).collect())
 }
 
 /// Takes the names of a memory that was loaded from `path`.

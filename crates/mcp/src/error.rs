@@ -1,0 +1,25 @@
+//! Errors that end the server.
+
+use splatseg::pipeline::PipelineError;
+use std::path::PathBuf;
+use thiserror::Error;
+
+/// The server cannot start or go on.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum McpError {
+    /// The map cannot be loaded.
+    #[error(transparent)]
+    Map(#[from] PipelineError),
+    /// A file cannot be used.
+    #[error("{}: {problem}", path.display())]
+    File {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// The connection or the system failed.
+    #[error("the assistant's connection: {0}")]
+    Connection(String),
+}

@@ -1,0 +1,6 @@
+//! The integration tests of this crate, in one program: it is linked once.
+
+mod protocol;
+mod support;
+mod tools;
+mod writing;
