@@ -35,6 +35,7 @@ mod rle;
 mod segment_map;
 mod segmentation;
 mod stamped_pose;
+mod up;
 
 pub use affinities::{Affinities, AffinityPlane};
 pub use assignment::{Candidate, Ratio, best_assignment};
@@ -58,6 +59,7 @@ pub use rle::{RleError, RunLengths};
 pub use segment_map::{MAX_16_BIT_ID, MAX_SEGMENT_ID, SegmentId, SegmentMap};
 pub use segmentation::Segmentation;
 pub use stamped_pose::StampedPose;
+pub use up::UpEstimate;
 
 /// Target of the `tracing` spans that measure the stages of a frame. The span's name is the stage's, e.g. `match`.
 pub const STAGE_TARGET: &str = "splatseg::stage";

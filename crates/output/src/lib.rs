@@ -20,7 +20,7 @@ pub use error::{OutputError, write_atomically, write_unsynced};
 pub use mcap_file::{Compression, McapFile, SceneCounts, SceneRecording, StreamRecording};
 pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
-pub use page::{MapData, Page, UpEstimate, VIEWER_SCRIPT, encode_ids, live_page, map_data};
+pub use page::{MapData, Page, VIEWER_SCRIPT, encode_ids, live_page, map_data};
 pub use poses_file::PosesFile;
 pub use run_output::{ChangesSince, FrameRecord, ResultFolder, RunEnd, RunOutput, UpdatedFrame};
 

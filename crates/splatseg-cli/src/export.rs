@@ -1,6 +1,7 @@
 //! `splatseg export`: writes the objects of a saved memory as PLY files for other programs.
 
 use super::Failure;
+use super::export_plan::{PlanOptions, export_plan};
 use super::input_paths::{InputPaths, real_path};
 use super::output_folder::{CreatedFolders, OverwritePolicy};
 use super::run::FileKind;
@@ -24,11 +25,12 @@ const RANGES_IN_MESSAGES: usize = 20;
 #[command(after_long_help = "Examples:\n  \
     splatseg export map.ply --out objects.ply --color id --as points\n  \
     splatseg export map.ply --id 7,9 --out two.ply\n  \
-    splatseg export map.ply --object-files objects --min-confidence 0.7")]
+    splatseg export map.ply --object-files objects --min-confidence 0.7\n  \
+    splatseg export map.ply --as occupancy --out home           # home.pgm and home.yaml for map_server and Nav2")]
 pub struct ExportArguments {
     /// A memory saved by `run --save-memory`
     pub map: PathBuf,
-    /// The file to write
+    /// The file to write; with --as occupancy, the names of the files without their endings
     #[arg(long, value_name = "FILE.ply", required_unless_present = "object_files")]
     pub out: Option<PathBuf>,
     /// Folder for one file per object, named after its id: 7.ply
@@ -46,9 +48,11 @@ pub struct ExportArguments {
     /// Leave out Gaussians with a lower confidence in their object, from 0 to 1
     #[arg(long, value_name = "X", default_value_t = 0.0)]
     pub min_confidence: f32,
-    /// Replace existing PLY files
+    /// Replace existing files
     #[arg(long)]
     pub overwrite: bool,
+    #[command(flatten)]
+    pub plan: PlanOptions,
 }
 
 /// Colours of the exported Gaussians.
@@ -67,6 +71,8 @@ pub enum Form {
     Gaussians,
     /// A point cloud, for all other programs
     Points,
+    /// Free space on the floor for robots: map_server's image and YAML, a picture, and JSON with rooms and footprints
+    Occupancy,
 }
 
 /// Writes the files.
@@ -75,6 +81,10 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
     if !(0.0..=1.0).contains(&min_confidence) {
         return Err(Failure::input(format!("--min-confidence: found {min_confidence}, expected a number from 0 to 1")));
     }
+    if arguments.form == Form::Occupancy {
+        return export_plan(arguments);
+    }
+    arguments.plan.require_none()?;
     let places = Places::new(arguments);
     if let Some(out) = &arguments.out {
         places.check(out)?;
@@ -236,7 +246,7 @@ impl Places {
     ) -> Result<(), Failure> {
         let form = match form {
             Form::Gaussians => ExportedForm::Gaussians,
-            Form::Points => ExportedForm::Points,
+            Form::Points | Form::Occupancy => ExportedForm::Points,
         };
         let folder = path.parent().unwrap_or(Path::new(""));
         let written = CreatedFolders::create(folder).and_then(|_created| {

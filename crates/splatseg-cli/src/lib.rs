@@ -16,6 +16,7 @@ mod eval;
 mod eval_mesh;
 mod eval_trajectory;
 mod export;
+mod export_plan;
 mod failure;
 mod find;
 mod help_layout;

@@ -21,11 +21,9 @@ mod ids;
 mod map;
 mod picture;
 mod sightings;
-mod up;
 
 pub use ids::encode_ids;
 pub use map::{MapData, map_data};
-pub use up::UpEstimate;
 
 use crate::crops::WaitingCrops;
 use crate::error::saved_state;
@@ -37,7 +35,7 @@ use data::{CameraData, ObjectData, RunData};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 use sightings::{Sightings, larger};
-use splatseg_geometry::{Pose, RemappedId, SegmentId};
+use splatseg_geometry::{Pose, RemappedId, SegmentId, UpEstimate};
 use splatseg_objects::{Object, ObjectSighting};
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -1,8 +1,8 @@
 //! Estimates the up direction. Data sets use different world axes for it, and some are not aligned with any axis.
 
+use crate::Pose;
 use glam::{Mat3, Vec3};
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::Pose;
 
 /// Weight of the cameras' mean up direction, relative to the term of their x axes.
 const WEIGHT_OF_MEAN: f32 = 0.02;
