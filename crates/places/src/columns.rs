@@ -9,8 +9,12 @@ const BOX: f32 = 0.1;
 const LEAST_TOP: f32 = 2.0;
 /// Columns of a block along x and y.
 const BLOCK: usize = 16;
-/// A ray says nothing about the last part before the surface, metres: depth is not exact.
-const MARGIN: f32 = 0.1;
+/// A ray says nothing about the last part before the surface, metres plus a share of its length: depth is not exact.
+const MARGIN: (f32, f32) = (0.03, 0.01);
+/// Rays that have passed a box that is open.
+const OPEN: u16 = 4;
+/// Up to this height above the lowest one of obstacles, metres, `is_open_below` asks for rays that passed.
+const LOW: f32 = 0.2;
 /// A hit needs a Gaussian of the map at most this far beyond the radius in which that counts as surface, metres.
 const CONFIRMED_WITHIN: f32 = 0.06;
 /// This many points make a box solid.
@@ -46,10 +50,14 @@ pub(crate) struct Columns {
 }
 
 /// What a column has.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ColumnContent {
     /// Something solid between the lowest and the highest height of obstacles.
     pub is_obstacle: bool,
+    /// A single point there: not enough for something solid, but too much for free space.
+    pub is_doubtful: bool,
+    /// Rays passed everywhere just above the lowest height of obstacles.
+    pub is_open_below: bool,
     /// Something solid as high as walls are, and furniture hardly is.
     pub is_tall: bool,
     /// Rays passed at that height.
@@ -152,10 +160,11 @@ impl Columns {
     /// Adds the ray from the camera to a measured point.
     pub(crate) fn add_ray(&mut self, camera: Vec3, point: Vec3) {
         let length = (point - camera).length();
-        if length <= MARGIN {
+        let margin = MARGIN.0 + MARGIN.1 * length;
+        if length <= margin {
             return;
         }
-        let end = camera + (point - camera) * (1.0 - MARGIN / length);
+        let end = camera + (point - camera) * (1.0 - margin / length);
         let (start, way) = (camera / self.resolution, (end - camera) / self.resolution);
         let mut cell = [start.x.floor(), start.y.floor()];
         let crossing = |from: f32, step: f32, cell: f32| match step {
@@ -199,14 +208,18 @@ impl Columns {
 
     /// What the column above a cell has between the lowest height of obstacles and `max_height`, and higher up.
     pub(crate) fn content(&self, cell: (usize, usize), max_height: f32, tall: (f32, f32)) -> ColumnContent {
-        let mut content = ColumnContent { is_obstacle: false, is_tall: false, is_open_above: false };
+        let mut content = ColumnContent::default();
         let Some(first) = self.first_of(cell) else { return content };
+        content.is_open_below = true;
         for level in 0..self.levels {
             let space = &self.boxes[first + level];
             let low = self.base + level as f32 * BOX;
             let is_solid = space.is_solid();
+            content.is_open_below &= space.passes >= OPEN || level as f32 * BOX >= LOW - 1e-4;
             let is_high = low >= tall.0 - 1e-4 && low < tall.1 - 1e-4;
-            content.is_obstacle |= is_solid && low < max_height - 1e-4;
+            let is_in_the_way = low < max_height - 1e-4;
+            content.is_obstacle |= is_solid && is_in_the_way;
+            content.is_doubtful |= space.hits > 0 && !space.is_passed() && is_in_the_way;
             content.is_tall |= is_solid && is_high;
             content.is_open_above |= is_high && !is_solid && space.passes >= ENOUGH;
         }
@@ -215,10 +228,13 @@ impl Columns {
 }
 
 impl SpaceBox {
-    fn is_solid(&self) -> bool {
+    fn is_passed(&self) -> bool {
         let seen = u32::from(self.hits) + u32::from(self.gaussians);
         let passes = u32::from(self.passes);
-        let is_passed = passes >= PASSED.0 && passes > PASSED.1 * seen;
-        (self.hits >= ENOUGH || self.gaussians > 0) && !is_passed
+        passes >= PASSED.0 && passes > PASSED.1 * seen
+    }
+
+    fn is_solid(&self) -> bool {
+        (self.hits >= ENOUGH || self.gaussians > 0) && !self.is_passed()
     }
 }

@@ -16,25 +16,31 @@ pub(crate) struct DepthPoints {
     /// The camera's centre.
     pub camera: Vec3,
     points: Vec<Option<Vec3>>,
+    /// Points at edges, which may lie between two surfaces.
+    pub edges: Vec<Vec3>,
 }
 
 impl DepthPoints {
     /// The points of a view at most `max_range` away, metres, relative to `origin` (coordinates of the plan), with the
-    /// plan's axes. Pixels without depth have none, nor do those whose depth differs from that of two neighbours or
-    /// more: they lie between two surfaces.
+    /// plan's axes. Pixels without depth have none. Those whose depth differs from that of three
+    /// neighbours or more are apart: they are at the edge of a thing, or between two.
     pub(crate) fn new(view: &DepthView, plan_from_world: &Pose, origin: DVec3, max_range: f32) -> Self {
         let local = (*plan_from_world * view.world_from_camera).relative_to(origin);
         let (width, height) = view.depth.size();
         let camera = local.translation();
         let mut points = Vec::with_capacity(width * height);
+        let mut edges = Vec::new();
         for row in 0..height {
             for column in 0..width {
                 let depth = view.depth[(column, row)];
-                let is_kept = depth > 0.0 && depth <= max_range && is_on_a_surface(view, column, row, depth);
-                points.push(is_kept.then(|| point(view, &local, column, row, depth)));
+                let is_measured = depth > 0.0 && depth <= max_range;
+                let measured = is_measured.then(|| point(view, &local, column, row, depth));
+                let is_kept = is_measured && is_on_a_surface(view, column, row, depth);
+                edges.extend(measured.filter(|_| !is_kept));
+                points.push(measured.filter(|_| is_kept));
             }
         }
-        Self { width, height, camera, points }
+        Self { width, height, camera, points, edges }
     }
 
     pub(crate) fn at(&self, column: usize, row: usize) -> Option<Vec3> {

@@ -11,6 +11,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Gaussians at most this far outside an object's box belong to its footprint, metres.
 const OUTSIDE: f32 = 0.03;
+/// The share of an object's Gaussians that may be lower, and higher, than its footprint tells.
+const TAIL: f64 = 0.03;
 /// A Gaussian covers at most this much to each side of its centre, metres: it may be far away and large.
 const REACH: f64 = 0.1;
 
@@ -25,7 +27,7 @@ pub struct Footprint {
     pub outlines: Vec<Vec<DVec2>>,
     /// Mean of its cells, in the plan's coordinates.
     pub center: DVec2,
-    /// Height of its lowest and its highest point above the floor, metres.
+    /// Height of its lowest and its highest part above the floor, metres, without the lowest and highest 3 % of its points.
     pub heights: (f64, f64),
     /// Area of its cells, square metres.
     pub area_m2: f64,
@@ -42,7 +44,7 @@ impl Footprint {
 /// are those of [`object_shapes`].
 pub(crate) fn footprints(map: &MapView<'_>, frame: &PlanFrame, shape: &GridShape) -> BTreeMap<SegmentId, Footprint> {
     let shapes = object_shapes(map);
-    let mut cells: BTreeMap<SegmentId, (BTreeSet<usize>, f64, f64)> = BTreeMap::new();
+    let mut cells: BTreeMap<SegmentId, (BTreeSet<usize>, Vec<f64>)> = BTreeMap::new();
     let ids = map.segment_ids();
     for (index, id) in ids.iter().enumerate() {
         let Some(object) = shapes.get(id).filter(|_| map.surfaces[index].has_place()) else { continue };
@@ -52,12 +54,14 @@ pub(crate) fn footprints(map: &MapView<'_>, frame: &PlanFrame, shape: &GridShape
         }
         let point = frame.point_to_plan(world);
         let reach = (0.5 * f64::from(map.patch.side * map.radii[index])).min(REACH);
-        let entry = cells.entry(*id).or_insert_with(|| (BTreeSet::new(), f64::INFINITY, f64::NEG_INFINITY));
-        let height = point.z - frame.floor_height();
-        (entry.1, entry.2) = (entry.1.min(height), entry.2.max(height));
+        let entry = cells.entry(*id).or_default();
+        entry.1.push(point.z - frame.floor_height());
         entry.0.extend(covered(shape, point, reach));
     }
-    let footprint = |(id, (cells, low, high)): (SegmentId, (BTreeSet<usize>, f64, f64))| {
+    let footprint = |(id, (cells, mut heights)): (SegmentId, (BTreeSet<usize>, Vec<f64>))| {
+        heights.sort_by(f64::total_cmp);
+        let tail = (TAIL * heights.len() as f64) as usize;
+        let (low, high) = (heights[tail], heights[heights.len() - 1 - tail]);
         let count = cells.len();
         let center = cells.iter().map(|cell| shape.center(*cell)).sum::<DVec2>() / count as f64;
         let area_m2 = count as f64 * shape.resolution * shape.resolution;
@@ -65,7 +69,7 @@ pub(crate) fn footprints(map: &MapView<'_>, frame: &PlanFrame, shape: &GridShape
         let cells = cells.into_iter().collect();
         (id, Footprint { id, cells, outlines, center, heights: (low, high), area_m2 })
     };
-    cells.into_iter().filter(|(_, (cells, ..))| !cells.is_empty()).map(footprint).collect()
+    cells.into_iter().filter(|(_, (cells, _))| !cells.is_empty()).map(footprint).collect()
 }
 
 fn is_in_box(object: &ObjectShape, world: DVec3) -> bool {

@@ -1,5 +1,6 @@
 //! From the depth of a map's keyframes to free, occupied and unknown cells.
 
+use crate::clearance::distances;
 use crate::columns::{ColumnContent, Columns};
 use crate::depth_points::DepthPoints;
 use crate::floor::Floor;
@@ -19,6 +20,8 @@ const VIEWS: usize = 32;
 const RAYS: usize = 2;
 /// Cells around everything that was seen.
 const BORDER: f64 = 2.0;
+/// Distance from obstacles within which a part of them may hide above a floor that was seen, metres.
+const HIDDEN: f64 = 0.3;
 /// Heights above the floor at which walls are, and furniture hardly is, metres.
 const TALL: (f32, f32) = (1.3, 2.0);
 
@@ -59,15 +62,26 @@ impl Occupancy {
             .into_par_iter()
             .map(|cell| columns.content(shape.column_row(cell), heights.1, TALL))
             .collect();
-        let kind = |(content, seen): (&ColumnContent, &u16)| match (content.is_obstacle, *seen > 0) {
-            (true, _) => Cell::Occupied,
-            (false, true) => Cell::Free,
-            (false, false) => Cell::Unknown,
-        };
-        let cells = content.iter().zip(&seen.seen).map(kind).collect();
+        let cells = cells_of(&shape, &content, &seen);
         let floor_heights = (frame.floor_height() + f64::from(low), frame.floor_height() + f64::from(high));
         Ok(Self { frame, grid: OccupancyGrid { shape, cells }, columns: content, floor_heights })
     }
+}
+
+/// What is known of each cell. Near obstacles, rays must have passed above the floor, too: it is also seen below the far
+/// side of things whose near side hides how far they reach.
+fn cells_of(shape: &GridShape, columns: &[ColumnContent], seen: &FloorSeen) -> Vec<Cell> {
+    let apart = distances(shape, |cell| columns[cell].is_obstacle);
+    let kind = |cell: usize| {
+        let (content, near) = (&columns[cell], apart[cell] * shape.resolution <= HIDDEN);
+        let is_doubtful = content.is_doubtful || near && !content.is_open_below;
+        match (content.is_obstacle, seen.seen[cell] > 0 && !is_doubtful) {
+            (true, _) => Cell::Occupied,
+            (false, true) => Cell::Free,
+            (false, false) => Cell::Unknown,
+        }
+    };
+    (0..shape.len()).map(kind).collect()
 }
 
 /// The points of all views, relative to a corner of the plan.
@@ -130,6 +144,7 @@ fn add_gaussians(columns: &mut Columns, map: &MapView<'_>, frame: &PlanFrame, co
 }
 
 fn add_view(columns: &mut Columns, points: &DepthPoints) {
+    points.edges.iter().for_each(|point| columns.add_point(*point));
     for row in 0..points.height {
         for column in 0..points.width {
             let Some(point) = points.at(column, row) else { continue };

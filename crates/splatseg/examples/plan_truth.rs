@@ -25,6 +25,15 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let errors = PlanErrors::new(grid.cells.iter().map(|cell| *cell == Cell::Free), &truth);
     let all = truth.iter().filter(|cell| cell.is_free).count();
     println!("IoU {:.3}; {errors:?}; of all free cells {:.3}", errors.iou(), errors.both as f64 / all as f64);
+    for (index, cell) in truth.iter().enumerate().filter(|(index, cell)| grid.cells[*index] == Cell::Free && !cell.is_free) {
+        let place = shape.center(index);
+        let near = scene.things().into_iter().min_by(|one, other| {
+            let apart = |thing: &splatseg::dataset::Thing| thing.center.truncate().as_dvec2().distance(place);
+            apart(one).total_cmp(&apart(other))
+        });
+        let near = near.unwrap();
+        println!("{} {place:.3} {:?} {} at {:.3} size {:.3} apart {:.3}", cell.is_inside, near.kind, near.id, near.center, near.size, near.center.truncate().as_dvec2().distance(place));
+    }
     std::fs::write("/tmp/plan.pgm", map_server::pgm(grid))?;
     Ok(())
 }
