@@ -163,7 +163,7 @@ mod tests {
         let up = Vec3::new(0.1, -0.2, 1.0).normalize();
         let level = [square(up, -1.31, 1.5), square(up, -0.6, 3.0), square(up, -1.9, 0.3)].concat();
         let found = lowest_surface(&level, up).unwrap();
-        assert!((found + 1.31).abs() < 0.02, "{found}");
+        assert!((found + 1.31).abs() < NEAR as f32, "{found}");
         assert_eq!(lowest_surface(&square(up, 0.0, 0.4), up), None, "too small");
         assert_eq!(lowest_surface(&[], up), None);
     }

@@ -138,7 +138,7 @@ mod tests {
         let heights = samples.heights();
         for column in 0..18 {
             let found = heights.at(Vec3::new(0.25 + 0.5 * column as f32, 0.3, 0.0)).unwrap();
-            assert!((found - 0.015 * column as f32).abs() < 0.025, "{column}: {found}");
+            assert!((found - 0.015 * column as f32).abs() < 0.035, "{column}: {found}");
         }
         assert!(heights.at(Vec3::new(9.9, 0.0, 0.0)).unwrap() > 0.2 && heights.at(Vec3::new(10.1, 0.0, 0.0)).is_none());
     }

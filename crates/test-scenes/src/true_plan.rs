@@ -38,8 +38,15 @@ pub struct PlanErrors {
     pub unseen: usize,
 }
 
-/// The truth of each cell of a grid: row-major from its lowest corner `origin`, metres.
-pub fn true_cells(scene: &SyntheticScene, origin: DVec2, (width, height): (usize, usize), side: f64) -> Vec<TrueCell> {
+/// The truth of each cell of a grid: row-major from its lowest corner `origin`, metres. Every `stride`-th frame of the scene
+/// was recorded.
+pub fn true_cells(
+    scene: &SyntheticScene,
+    stride: usize,
+    origin: DVec2,
+    (width, height): (usize, usize),
+    side: f64,
+) -> Vec<TrueCell> {
     let mut cells = Vec::with_capacity(width * height);
     for row in 0..height {
         for column in 0..width {
@@ -53,7 +60,7 @@ pub fn true_cells(scene: &SyntheticScene, origin: DVec2, (width, height): (usize
             cells.push(TrueCell { is_free, is_inside, is_seen: false, room: scene.room_at(center) });
         }
     }
-    mark_seen(scene, origin, width, side, &mut cells);
+    mark_seen(scene, stride, origin, width, side, &mut cells);
     cells
 }
 
@@ -64,8 +71,8 @@ fn in_house(scene: &SyntheticScene, place: Vec2) -> bool {
     scene.room_at(place).is_some() || rooms.iter().any(|room| *room != rooms[0])
 }
 
-fn mark_seen(scene: &SyntheticScene, origin: DVec2, width: usize, side: f64, cells: &mut [TrueCell]) {
-    for frame in 0..scene.frame_count() {
+fn mark_seen(scene: &SyntheticScene, stride: usize, origin: DVec2, width: usize, side: f64, cells: &mut [TrueCell]) {
+    for frame in (0..scene.frame_count()).step_by(stride.max(1)) {
         let frame = scene.read_frame(frame).unwrap();
         let (columns, rows) = frame.depth().size();
         for (index, cell) in cells.iter_mut().enumerate().filter(|(_, cell)| cell.is_free && !cell.is_seen) {
