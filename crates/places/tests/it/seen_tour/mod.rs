@@ -120,7 +120,7 @@ impl SeenTour {
             .filter(|cell| self.plan.grid().cells[*cell] == Cell::Free)
             .map(|cell| shape.center(cell))
             .collect();
-        let places: Vec<DVec2> = free.iter().copied().step_by(free.len() / 12 + 1).collect();
+        let places: Vec<DVec2> = free.iter().copied().step_by(free.len() / 24 + 1).collect();
         let (mut found, mut none, mut touching) = (0, 0, 0);
         for (index, from) in places.iter().enumerate() {
             for to in &places[index + 1..] {
