@@ -1,5 +1,6 @@
 //! Plans of tours of four rooms, compared with the exact ones: `cargo run --release -p splatseg-places --example tours -- 20`
-//! prints a line for each of 20 seeds, `-- 20 kinect` with the noise of a Kinect.
+//! prints a line for each of 20 seeds, `-- 20 kinect` with the noise of a Kinect,
+//! `-- 4 none 16` the seeds from 16.
 
 #[path = "../tests/it/seen_tour/mod.rs"]
 mod seen_tour;
@@ -13,11 +14,12 @@ fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let seeds = arguments.first().and_then(|count| count.parse().ok()).unwrap_or(20_u64);
     let noise = arguments.get(1).map_or("none", String::as_str);
+    let first = arguments.get(2).and_then(|first| first.parse().ok()).unwrap_or(0_u64);
     let (mut worst, mut four) = (1.0_f64, 0);
     println!(
         "seed   IoU  free cells: right, missed, wrong; centre inside, wholly inside; unseen | rooms | objects | routes: found, none, touching"
     );
-    for seed in 0..seeds {
+    for seed in first..first + seeds {
         let tour = SeenTour::new(seed, STRIDE, noise);
         let (errors, rooms) = (tour.errors(), tour.rooms_found());
         let (right, all) = tour.objects_in_rooms();

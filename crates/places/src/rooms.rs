@@ -20,6 +20,9 @@ const WIDER: f64 = 1.35;
 const SMALLEST: f64 = 1.5;
 /// Space that was not seen and is no larger than this belongs to the room around it, square metres.
 const LARGEST_HOLE: f64 = 2.0;
+/// Free cells that are no room's, as parts of the floor that were seen through a door, belong to one at most this far away
+/// with no obstacle between, metres.
+const APART: f64 = 1.5;
 /// Cells that are no room's, as walls and things at them are, belong to one at most this far away, metres.
 const BESIDE: f64 = 0.5;
 
@@ -64,7 +67,7 @@ impl Rooms {
         let width: Vec<f64> =
             distances(shape, |cell| !is_inside[cell]).into_iter().map(|cells| cells * shape.resolution).collect();
         let basins = Basins::new(shape, &width, &is_inside);
-        basins.rooms(shape, &width)
+        basins.rooms(grid, &width)
     }
 }
 
@@ -161,7 +164,8 @@ impl Basins {
     }
 
     /// The rooms. Basins that have stayed too small are no rooms.
-    fn rooms(&self, shape: &GridShape, width: &[f64]) -> Rooms {
+    fn rooms(&self, grid: &OccupancyGrid, width: &[f64]) -> Rooms {
+        let shape = &grid.shape;
         let cell_area = shape.resolution * shape.resolution;
         let mut cells: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for (cell, basin) in self.of_cell.iter().enumerate().filter(|(_, basin)| **basin != usize::MAX) {
@@ -182,7 +186,8 @@ impl Basins {
             rooms.push(Room { id, name: None, middle, area_m2, doors: Vec::new() });
         }
         add_doors(shape, width, &of_cell, &mut rooms);
-        spread(shape, &mut of_cell);
+        spread(shape, &mut of_cell, APART, |cell| grid.cells[cell] != Cell::Occupied);
+        spread(shape, &mut of_cell, BESIDE, |_| true);
         Rooms { rooms, of_cell }
     }
 }
@@ -205,9 +210,9 @@ fn add_doors(shape: &GridShape, width: &[f64], of_cell: &[u32], rooms: &mut [Roo
     }
 }
 
-/// Gives cells near a room to the nearest one.
-fn spread(shape: &GridShape, of_cell: &mut [u32]) {
-    let most = (BESIDE / shape.resolution).ceil() as usize;
+/// Gives cells at most `distance` metres from a room to the nearest one, over cells with `is_open`.
+fn spread(shape: &GridShape, of_cell: &mut [u32], distance: f64, is_open: impl Fn(usize) -> bool) {
+    let most = (distance / shape.resolution).ceil() as usize;
     let mut reached: VecDeque<(usize, usize)> =
         (0..of_cell.len()).filter(|cell| of_cell[*cell] != 0).map(|cell| (cell, 0)).collect();
     while let Some((cell, steps)) = reached.pop_front() {
@@ -215,7 +220,7 @@ fn spread(shape: &GridShape, of_cell: &mut [u32]) {
             continue;
         }
         for other in shape.beside(cell) {
-            if of_cell[other] == 0 {
+            if of_cell[other] == 0 && is_open(other) {
                 of_cell[other] = of_cell[cell];
                 reached.push_back((other, steps + 1));
             }
