@@ -8,7 +8,6 @@ use splatseg::pipeline::NamedMap;
 use splatseg_geometry::SegmentId;
 use splatseg_objects::{FrameStamp, Object, ObjectList, ObjectState};
 use splatseg_odometry::{KeyframeView, PoseSourceError, keyframe_views};
-use splatseg_output::UpEstimate;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -124,7 +123,8 @@ impl LoadedMap {
             },
             None => (None, Some("the map does not tell; start the server with --objects objects.json".to_owned())),
         };
-        let up = up(path, map.keyframes.as_deref())?;
+        let damaged = |error: PoseSourceError| McpError::File { path: path.to_owned(), problem: error.to_string() };
+        let up = map.up().map_err(damaged)?.map_or(DVec3::Z, |up| up.as_dvec3().normalize_or(DVec3::Z));
         let places = open_places(&map);
         // Its keyframes are looked at, which are no continuation of the last frame.
         map.memory.start_session();
@@ -155,17 +155,6 @@ impl LoadedMap {
         }
         self.list.add_names(&self.map.names);
     }
-}
-
-/// Up, from the keyframes' poses; z without keyframes.
-fn up(path: &Path, keyframes: Option<&[u8]>) -> Result<DVec3, McpError> {
-    let Some(keyframes) = keyframes else { return Ok(DVec3::Z) };
-    let damaged = |error: PoseSourceError| McpError::File { path: path.to_owned(), problem: error.to_string() };
-    let mut up = UpEstimate::default();
-    for view in keyframe_views(keyframes, None).map_err(damaged)? {
-        up.add(&view.world_from_camera);
-    }
-    Ok(up.direction().as_dvec3().normalize_or(DVec3::Z))
 }
 
 /// When the map's and the objects' file were written.

@@ -2,6 +2,7 @@
 
 use super::Failure;
 use super::export_mesh::{MeshOptions, export_mesh};
+use super::export_plan::{PlanOptions, export_plan};
 use super::export_scene_graph::export_scene_graph;
 use super::input_paths::{InputPaths, real_path};
 use super::output_folder::{CreatedFolders, OverwritePolicy};
@@ -28,11 +29,13 @@ const RANGES_IN_MESSAGES: usize = 20;
     splatseg export map.ply --id 7,9 --out two.ply\n  \
     splatseg export map.ply --object-files objects --min-confidence 0.7\n  \
     splatseg export map.ply --as mesh --out home.glb\n  \
-    splatseg export map.ply --as scene-graph --out home.json")]
+    splatseg export map.ply --as scene-graph --out home.json\n  \
+    splatseg export map.ply --as occupancy --out home           # home.pgm and home.yaml for map_server and Nav2")]
 pub struct ExportArguments {
     /// A memory saved by `run --save-memory`
     pub map: PathBuf,
-    /// The file to write; a mesh is written as glTF if the name ends in .glb
+    /// The file to write; a mesh is written as glTF if the name ends in .glb; with --as occupancy, the names of the files
+    /// without their endings
     #[arg(long, value_name = "FILE.ply", required_unless_present = "object_files")]
     pub out: Option<PathBuf>,
     /// Folder for one file per object, named after its id: 7.ply, or 7.glb if --out is a .glb file
@@ -50,11 +53,13 @@ pub struct ExportArguments {
     /// Leave out Gaussians with a lower confidence in their object, from 0 to 1
     #[arg(long, value_name = "X", default_value_t = 0.0)]
     pub min_confidence: f32,
-    /// Replace an existing file of the same kind
+    /// Replace existing files of the same kind
     #[arg(long)]
     pub overwrite: bool,
     #[command(flatten)]
     pub mesh: MeshOptions,
+    #[command(flatten)]
+    pub plan: PlanOptions,
 }
 
 /// Colours of the exported Gaussians.
@@ -77,6 +82,8 @@ pub enum Form {
     Mesh,
     /// Rooms, objects and their relations, as JSON
     SceneGraph,
+    /// Free space on the floor for robots: map_server's image and YAML, a picture, and JSON with rooms and footprints
+    Occupancy,
 }
 
 /// Writes the files.
@@ -85,12 +92,17 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
     if !(0.0..=1.0).contains(&min_confidence) {
         return Err(Failure::input(format!("--min-confidence: found {min_confidence}, expected a number from 0 to 1")));
     }
-    if arguments.form == Form::Mesh {
-        return export_mesh(arguments);
+    if arguments.form != Form::Mesh {
+        arguments.mesh.require_none()?;
     }
-    arguments.mesh.require_none()?;
-    if arguments.form == Form::SceneGraph {
-        return export_scene_graph(arguments);
+    if arguments.form != Form::Occupancy {
+        arguments.plan.require_none()?;
+    }
+    match arguments.form {
+        Form::Mesh => return export_mesh(arguments),
+        Form::SceneGraph => return export_scene_graph(arguments),
+        Form::Occupancy => return export_plan(arguments),
+        Form::Gaussians | Form::Points => {}
     }
     let places = Places::new(arguments);
     if let Some(out) = &arguments.out {

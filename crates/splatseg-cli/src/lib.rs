@@ -17,6 +17,7 @@ mod eval_mesh;
 mod eval_trajectory;
 mod export;
 mod export_mesh;
+mod export_plan;
 mod export_scene_graph;
 mod failure;
 mod find;

@@ -25,6 +25,7 @@ pub use splatseg_models as models;
 pub use splatseg_objects as objects;
 pub use splatseg_odometry as odometry;
 pub use splatseg_output as output;
+pub use splatseg_places as places;
 pub use splatseg_render as render;
 pub use splatseg_segmenter as segmenter;
 pub use splatseg_simulators as simulators;

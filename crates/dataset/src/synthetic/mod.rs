@@ -2,6 +2,7 @@
 
 mod change;
 mod corridor;
+mod free_space;
 mod furniture;
 mod layout;
 mod motion;

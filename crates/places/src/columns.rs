@@ -1,0 +1,240 @@
+//! What rays of depth images say about the space above the floor, in columns of small boxes.
+
+use crate::floor_heights::FloorHeights;
+use glam::Vec3;
+
+/// Height of a box, metres.
+const BOX: f32 = 0.1;
+/// Columns reach at least this high above the floor, metres, to tell walls from furniture.
+const LEAST_TOP: f32 = 2.0;
+/// Columns of a block along x and y.
+const BLOCK: usize = 16;
+/// A ray says nothing about the last part before the surface, metres plus a share of its length: depth is not exact.
+const MARGIN: (f32, f32) = (0.03, 0.01);
+/// Rays that have passed a box that is open.
+const OPEN: u16 = 4;
+/// Up to this height above the lowest one of obstacles, metres, `is_open_below` asks for rays that passed.
+const LOW: f32 = 0.2;
+/// A hit needs a Gaussian of the map at most this far beyond the radius in which that counts as surface, metres.
+const CONFIRMED_WITHIN: f32 = 0.06;
+/// This many points make a box solid.
+const ENOUGH: u16 = 2;
+/// A box that rays pass this many times, and this many times more often than they end there, has nothing that stays.
+const PASSED: (u32, u32) = (20, 10);
+
+/// The boxes above a cell, from the lowest height of obstacles up.
+#[derive(Clone, Copy, Debug, Default)]
+struct SpaceBox {
+    /// Points on a surface that the map still has.
+    hits: u16,
+    /// Rays that passed.
+    passes: u16,
+    /// Gaussians of the map.
+    gaussians: u8,
+    /// A Gaussian is here or close.
+    is_confirmed: bool,
+}
+
+/// Columns of boxes above the cells of a grid. Only blocks of columns that something was seen of take memory.
+pub(crate) struct Columns {
+    resolution: f32,
+    width: usize,
+    height: usize,
+    blocks_across: usize,
+    /// Number of a block in `boxes`, plus 1; 0 if it has none.
+    blocks: Vec<u32>,
+    boxes: Vec<SpaceBox>,
+    levels: usize,
+    base: f32,
+    floor: FloorHeights,
+}
+
+/// What a column has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct ColumnContent {
+    /// Something solid between the lowest and the highest height of obstacles.
+    pub is_obstacle: bool,
+    /// A single point there: not enough for something solid, but too much for free space.
+    pub is_doubtful: bool,
+    /// Rays passed everywhere just above the lowest height of obstacles.
+    pub is_open_below: bool,
+    /// Something solid as high as walls are, and furniture hardly is.
+    pub is_tall: bool,
+    /// Rays passed at that height.
+    pub is_open_above: bool,
+}
+
+impl Columns {
+    /// Empty columns for `width` x `height` cells of side `resolution` metres.
+    pub(crate) fn new(
+        (width, height): (usize, usize),
+        resolution: f32,
+        (min_height, max_height): (f32, f32),
+        floor: FloorHeights,
+    ) -> Self {
+        let levels = ((max_height.max(LEAST_TOP) - min_height) / BOX).ceil().max(1.0) as usize;
+        let (blocks_across, blocks_up) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
+        let blocks = vec![0; blocks_across * blocks_up];
+        Self { resolution, width, height, blocks_across, blocks, boxes: Vec::new(), levels, base: min_height, floor }
+    }
+
+    /// The bytes that columns over such an area may take.
+    pub(crate) fn bytes((width, height): (usize, usize), max_height: f64) -> u64 {
+        let levels = (max_height.max(f64::from(LEAST_TOP)) / f64::from(BOX)).ceil() as u64 + 1;
+        (width as u64 + BLOCK as u64) * (height as u64 + BLOCK as u64) * levels * size_of::<SpaceBox>() as u64
+    }
+
+    /// Height above the floor below a point; `None` outside.
+    pub(crate) fn above_floor(&self, point: Vec3) -> Option<f32> {
+        self.floor.at(point).map(|floor| point.z - floor)
+    }
+
+    /// The cell of a point.
+    pub(crate) fn cell(&self, point: Vec3) -> Option<(usize, usize)> {
+        let (column, row) = ((point.x / self.resolution).floor(), (point.y / self.resolution).floor());
+        let is_inside = column >= 0.0 && row >= 0.0 && column < self.width as f32 && row < self.height as f32;
+        is_inside.then_some((column as usize, row as usize))
+    }
+
+    fn first_of(&self, (column, row): (usize, usize)) -> Option<usize> {
+        let block = self.blocks[row / BLOCK * self.blocks_across + column / BLOCK].checked_sub(1)? as usize;
+        Some((block * BLOCK * BLOCK + row % BLOCK * BLOCK + column % BLOCK) * self.levels)
+    }
+
+    fn first_of_new(&mut self, (column, row): (usize, usize)) -> usize {
+        let block = row / BLOCK * self.blocks_across + column / BLOCK;
+        if self.blocks[block] == 0 {
+            let per_block = BLOCK * BLOCK * self.levels;
+            self.blocks[block] = (self.boxes.len() / per_block) as u32 + 1;
+            self.boxes.resize(self.boxes.len() + per_block, SpaceBox::default());
+        }
+        self.first_of((column, row)).unwrap_or_default()
+    }
+
+    fn level(&self, above_floor: f32) -> Option<usize> {
+        let level = ((above_floor - self.base) / BOX).floor();
+        (level >= 0.0 && level < self.levels as f32).then_some(level as usize)
+    }
+
+    /// Adds a Gaussian of the map: surface within `cover` metres of its centre.
+    pub(crate) fn add_gaussian(&mut self, mean: Vec3, cover: f32) {
+        if let (Some(cell), Some(level)) = (self.cell(mean), self.above_floor(mean).and_then(|above| self.level(above)))
+        {
+            let first = self.first_of_new(cell);
+            let gaussians = &mut self.boxes[first + level].gaussians;
+            *gaussians = gaussians.saturating_add(1);
+        }
+        let reach = (cover.min(0.5) + CONFIRMED_WITHIN).max(0.0);
+        let Some(above) = self.above_floor(mean) else { return };
+        let levels = |above: f32| ((above - self.base) / BOX).floor().clamp(-1.0, self.levels as f32) as isize;
+        let (low, high) = (levels(above - reach).max(0), levels(above + reach).min(self.levels as isize - 1));
+        let cells = |center: f32, count: usize| {
+            let (low, high) =
+                (((center - reach) / self.resolution).floor(), ((center + reach) / self.resolution).floor());
+            low.clamp(0.0, count as f32) as usize..(high + 1.0).clamp(0.0, count as f32) as usize
+        };
+        let (columns, rows) = (cells(mean.x, self.width), cells(mean.y, self.height));
+        for row in rows {
+            for column in columns.clone() {
+                let first = self.first_of_new((column, row));
+                for level in low..=high {
+                    self.boxes[first + level as usize].is_confirmed = true;
+                }
+            }
+        }
+    }
+
+    /// Adds a measured point. It counts if the map has a surface there.
+    pub(crate) fn add_point(&mut self, point: Vec3) {
+        let (Some(cell), Some(level)) = (self.cell(point), self.above_floor(point).and_then(|above| self.level(above)))
+        else {
+            return;
+        };
+        let first = self.first_of_new(cell);
+        let space = &mut self.boxes[first + level];
+        if space.is_confirmed {
+            space.hits = space.hits.saturating_add(1);
+        }
+    }
+
+    /// Adds the ray from the camera to a measured point.
+    pub(crate) fn add_ray(&mut self, camera: Vec3, point: Vec3) {
+        let length = (point - camera).length();
+        let margin = MARGIN.0 + MARGIN.1 * length;
+        if length <= margin {
+            return;
+        }
+        let end = camera + (point - camera) * (1.0 - margin / length);
+        let (start, way) = (camera / self.resolution, (end - camera) / self.resolution);
+        let mut cell = [start.x.floor(), start.y.floor()];
+        let crossing = |from: f32, step: f32, cell: f32| match step {
+            step if step > 0.0 => (cell + 1.0 - from) / step,
+            step if step < 0.0 => (cell - from) / step,
+            _ => f32::INFINITY,
+        };
+        let mut t = 0.0_f32;
+        // No more cells than the ray can cross.
+        let most = way.x.abs().min(1e5) as usize + way.y.abs().min(1e5) as usize + 3;
+        for _ in 0..most {
+            let next = [crossing(start.x, way.x, cell[0]), crossing(start.y, way.y, cell[1])];
+            let until = next[0].min(next[1]).clamp(t, 1.0);
+            let (z0, z1) = (camera.z + (end.z - camera.z) * t, camera.z + (end.z - camera.z) * until);
+            self.pass((cell[0], cell[1]), z0.min(z1), z0.max(z1));
+            if until >= 1.0 {
+                break;
+            }
+            t = until;
+            if next[0] <= next[1] { cell[0] += way.x.signum() } else { cell[1] += way.y.signum() }
+        }
+    }
+
+    fn pass(&mut self, (column, row): (f32, f32), low: f32, high: f32) {
+        let is_inside = column >= 0.0 && row >= 0.0 && column < self.width as f32 && row < self.height as f32;
+        if !is_inside {
+            return;
+        }
+        let middle = Vec3::new((column + 0.5) * self.resolution, (row + 0.5) * self.resolution, 0.0);
+        let Some(floor) = self.floor.at(middle) else { return };
+        let level = |z: f32| ((z - floor - self.base) / BOX).floor();
+        let (low, high) = (level(low).max(0.0), level(high).min(self.levels as f32 - 1.0));
+        if low > high {
+            return;
+        }
+        let first = self.first_of_new((column as usize, row as usize));
+        for space in &mut self.boxes[first + low as usize..=first + high as usize] {
+            space.passes = space.passes.saturating_add(1);
+        }
+    }
+
+    /// What the column above a cell has between the lowest height of obstacles and `max_height`, and higher up.
+    pub(crate) fn content(&self, cell: (usize, usize), max_height: f32, tall: (f32, f32)) -> ColumnContent {
+        let mut content = ColumnContent::default();
+        let Some(first) = self.first_of(cell) else { return content };
+        content.is_open_below = true;
+        for level in 0..self.levels {
+            let space = &self.boxes[first + level];
+            let low = self.base + level as f32 * BOX;
+            let is_solid = space.is_solid();
+            content.is_open_below &= space.passes >= OPEN || level as f32 * BOX >= LOW - 1e-4;
+            let is_high = low >= tall.0 - 1e-4 && low < tall.1 - 1e-4;
+            let is_in_the_way = low < max_height - 1e-4;
+            content.is_obstacle |= is_solid && is_in_the_way;
+            content.is_doubtful |= space.hits > 0 && !space.is_passed() && is_in_the_way;
+            content.is_tall |= is_solid && is_high;
+            content.is_open_above |= is_high && !is_solid && space.passes >= ENOUGH;
+        }
+        content
+    }
+}
+
+impl SpaceBox {
+    fn is_passed(&self) -> bool {
+        let seen = u32::from(self.hits) + u32::from(self.gaussians);
+        let passes = u32::from(self.passes);
+        passes >= PASSED.0 && passes > PASSED.1 * seen
+    }
+
+    fn is_solid(&self) -> bool {
+        (self.hits >= ENOUGH || self.gaussians > 0) && !self.is_passed()
+    }
+}

@@ -1,0 +1,157 @@
+//! From the depth of a map's keyframes to free, occupied and unknown cells.
+
+use crate::clearance::distances;
+use crate::columns::{ColumnContent, Columns};
+use crate::depth_points::DepthPoints;
+use crate::floor::Floor;
+use crate::floor_heights::FloorSamples;
+use crate::floor_seen::FloorSeen;
+use crate::grid::{Cell, GridShape, OccupancyGrid};
+use crate::{PlanError, PlanFrame, PlanSettings};
+use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
+use splatseg_files::MemoryLimit;
+use splatseg_geometry::MapView;
+use splatseg_objects::DepthView;
+
+/// Views whose points are computed at the same time.
+const VIEWS: usize = 32;
+/// Pixels between two rays.
+const RAYS: usize = 2;
+/// Cells around everything that was seen.
+const BORDER: f64 = 2.0;
+/// Distance from obstacles within which a part of them may hide above a floor that was seen, metres.
+const HIDDEN: f64 = 0.3;
+/// Heights above the floor at which walls are, and furniture hardly is, metres.
+const TALL: (f32, f32) = (1.3, 2.0);
+
+/// The grid and what it was made of.
+pub(crate) struct Occupancy {
+    pub frame: PlanFrame,
+    pub grid: OccupancyGrid,
+    /// What the column above each cell has.
+    pub columns: Vec<ColumnContent>,
+    /// Lowest and highest z of the floor, in the plan's coordinates.
+    pub floor_heights: (f64, f64),
+}
+
+impl Occupancy {
+    pub(crate) fn new(map: &MapView<'_>, views: &[DepthView], settings: &PlanSettings) -> Result<Self, PlanError> {
+        let settings = settings.validated()?;
+        let max_range = settings.max_range as f32;
+        let frame = PlanFrame::of_floor(&Floor::find(views, max_range)?).map_err(|_| PlanError::NoFloor)?;
+        let shape = shape(views, &frame, &settings)?;
+        let corner = shape.origin.extend(frame.floor_height());
+        let points = Points { views, frame: &frame, corner, max_range };
+        let size = [shape.width, shape.height].map(|cells| (cells as f64 * shape.resolution) as f32);
+        let mut samples = FloorSamples::new(size, 0.0);
+        points.for_each(|points| samples.add(points));
+        let floor = samples.heights();
+        let (low, high) = floor.range();
+        let cells = (shape.width, shape.height);
+        let resolution = shape.resolution as f32;
+        let heights = (settings.min_height as f32, settings.max_height as f32);
+        let mut columns = Columns::new(cells, resolution, heights, floor);
+        add_gaussians(&mut columns, map, &frame, corner);
+        let mut seen = FloorSeen::new(cells, resolution);
+        points.for_each(|points| {
+            seen.add(points, &columns, heights.0);
+            add_view(&mut columns, points);
+        });
+        let content: Vec<ColumnContent> = (0..shape.len())
+            .into_par_iter()
+            .map(|cell| columns.content(shape.column_row(cell), heights.1, TALL))
+            .collect();
+        let cells = cells_of(&shape, &content, &seen);
+        let floor_heights = (frame.floor_height() + f64::from(low), frame.floor_height() + f64::from(high));
+        Ok(Self { frame, grid: OccupancyGrid { shape, cells }, columns: content, floor_heights })
+    }
+}
+
+/// What is known of each cell. Near obstacles, rays must have passed above the floor, too: it is also seen below the far
+/// side of things whose near side hides how far they reach.
+fn cells_of(shape: &GridShape, columns: &[ColumnContent], seen: &FloorSeen) -> Vec<Cell> {
+    let apart = distances(shape, |cell| columns[cell].is_obstacle);
+    let kind = |cell: usize| {
+        let (content, near) = (&columns[cell], apart[cell] * shape.resolution <= HIDDEN);
+        let is_doubtful = content.is_doubtful || near && !content.is_open_below;
+        match (content.is_obstacle, seen.seen[cell] > 0 && !is_doubtful) {
+            (true, _) => Cell::Occupied,
+            (false, true) => Cell::Free,
+            (false, false) => Cell::Unknown,
+        }
+    };
+    (0..shape.len()).map(kind).collect()
+}
+
+/// The points of all views, relative to a corner of the plan.
+struct Points<'a> {
+    views: &'a [DepthView],
+    frame: &'a PlanFrame,
+    corner: DVec3,
+    max_range: f32,
+}
+
+impl Points<'_> {
+    /// Calls a function for each view, in order.
+    fn for_each(&self, mut each: impl FnMut(&DepthPoints)) {
+        let transform = self.frame.plan_from_world();
+        for views in self.views.chunks(VIEWS) {
+            let points: Vec<DepthPoints> =
+                views.par_iter().map(|view| DepthPoints::new(view, &transform, self.corner, self.max_range)).collect();
+            points.iter().for_each(&mut each);
+        }
+    }
+}
+
+/// The grid around all points near which something was measured.
+fn shape(views: &[DepthView], frame: &PlanFrame, settings: &PlanSettings) -> Result<GridShape, PlanError> {
+    let near = views.first().ok_or(PlanError::NoKeyframes)?.world_from_camera.translation();
+    let near = frame.point_to_plan(near);
+    let points = Points { views, frame, corner: near, max_range: settings.max_range as f32 };
+    let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+    points.for_each(|points| {
+        for row in 0..points.height {
+            for point in (0..points.width).filter_map(|column| points.at(column, row)) {
+                (low, high) = (low.min(point), high.max(point));
+            }
+        }
+    });
+    if !low.cmple(high).all() {
+        return Err(PlanError::NoFloor);
+    }
+    let cell = settings.resolution;
+    let place = |point: Vec3| DVec2::new(near.x + f64::from(point.x), near.y + f64::from(point.y)) / cell;
+    let (first, last) = (place(low).floor() - BORDER, place(high).floor() + BORDER);
+    let size = last - first + 1.0;
+    let (width, height) = (size.x as usize, size.y as usize);
+    // Beyond the columns: content, distances, rooms and searches, per cell.
+    let bytes =
+        Columns::bytes((width, height), settings.max_height) + 100 * (width as u64).saturating_mul(height as u64);
+    if bytes > MemoryLimit::in_force() {
+        return Err(PlanError::TooLarge { width, height });
+    }
+    Ok(GridShape { resolution: cell, origin: first * cell, width, height })
+}
+
+/// Marks where the map has a surface.
+fn add_gaussians(columns: &mut Columns, map: &MapView<'_>, frame: &PlanFrame, corner: DVec3) {
+    let gaussians = map.means.iter().zip(map.radii).zip(map.surfaces);
+    for ((mean, radius), _) in gaussians.filter(|(_, surface)| surface.has_place()) {
+        let point = frame.point_to_plan(map.origin + mean.as_dvec3()) - corner;
+        columns.add_gaussian(point.as_vec3(), radius * map.patch.cover);
+    }
+}
+
+fn add_view(columns: &mut Columns, points: &DepthPoints) {
+    points.edges.iter().for_each(|point| columns.add_point(*point));
+    for row in 0..points.height {
+        for column in 0..points.width {
+            let Some(point) = points.at(column, row) else { continue };
+            columns.add_point(point);
+            if column % RAYS == 0 && row % RAYS == 0 {
+                columns.add_ray(points.camera, point);
+            }
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! The integration tests of this crate, in one program: it is linked once.
+
+mod no_floor;
+mod seen_tour;
+mod tour;

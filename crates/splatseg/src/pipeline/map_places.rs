@@ -1,0 +1,30 @@
+//! The plan of a saved map.
+
+use super::{NamedMap, depth_views};
+use splatseg_odometry::PoseSourceError;
+use splatseg_places::{FloorPlan, PlanError, PlanSettings};
+use thiserror::Error;
+
+/// Why a saved map has no plan.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum MapPlanError {
+    /// Its keyframes are damaged, or take more than the memory limit.
+    #[error(transparent)]
+    Keyframes(#[from] PoseSourceError),
+    /// It does not show a floor, for example.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+}
+
+impl NamedMap {
+    /// The plan of the map: its floor, free space, rooms and the objects in them.
+    ///
+    /// # Errors
+    /// If the map has no keyframes or they are damaged, and as [`FloorPlan::new`].
+    pub fn floor_plan(&self, settings: PlanSettings) -> Result<FloorPlan, MapPlanError> {
+        let keyframes =
+            self.keyframes.as_deref().map_or_else(|| Ok(Vec::new()), |keyframes| depth_views(keyframes, None))?;
+        Ok(FloorPlan::new(&self.memory.map(), &keyframes, settings)?)
+    }
+}
