@@ -11,7 +11,7 @@ use std::sync::Arc;
 const FRAMES: usize = 12;
 
 fn scene() -> Arc<dyn Scene> {
-    room(&format!("synthetic:frames={FRAMES},width=160,height=120"))
+    Arc::new(room(&format!("synthetic:frames={FRAMES},width=160,height=120")))
 }
 
 fn frames() -> Vec<RgbdFrame<'static>> {
