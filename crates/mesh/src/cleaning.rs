@@ -4,7 +4,7 @@ use splatseg_geometry::SegmentId;
 use splatseg_objects::VertexId;
 use std::collections::BTreeMap;
 
-/// Connected triangles that are fewer than this are a speck...
+/// Fewer connected triangles than this are a speck.
 const SPECK_TRIANGLES: usize = 60;
 
 /// Keeps the triangles whose vertices all have a Gaussian near them, without specks.
@@ -43,8 +43,8 @@ fn root(parents: &mut [u32], vertex: u32) -> u32 {
     vertex
 }
 
-/// Gives vertices without an id that of most vertices around them, and single vertices that of their surroundings: a few
-/// rounds of a majority among neighbours.
+/// Gives each vertex the id of more than half of its neighbours, if they have one, a few times over: so single vertices
+/// have the id of their surroundings.
 pub(crate) fn smoothed_ids(triangles: &[[u32; 3]], ids: Vec<SegmentId>, rounds: usize) -> Vec<SegmentId> {
     let mut ids = ids;
     for _ in 0..rounds {

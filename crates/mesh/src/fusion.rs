@@ -107,30 +107,23 @@ fn add_to_block(
             continue;
         }
         let plane = pixels[pixel.y as usize * width + pixel.x as usize];
-        if plane.inverse == 0.0 {
+        if plane.weight <= 0.0 {
             continue;
         }
-        let (distance, weight) = if plane.weight > 0.0 {
-            let inverse = plane.inverse_at(place - pixel).max(0.5 * plane.inverse);
-            let distance = (inverse.recip() - point.z) * plane.distance_per_depth;
-            if distance >= band && point.z > plane.nearest - band {
-                // Behind the edge of something nearer: perhaps not free.
-                continue;
-            }
-            (distance, plane.weight)
-        } else {
-            continue;
-        };
-        if distance <= -band {
+        let inverse = plane.inverse_at(place - pixel).max(0.5 * plane.inverse);
+        let distance = (inverse.recip() - point.z) * plane.distance_per_depth;
+        // Behind the edge of something nearer, space is perhaps not free.
+        let is_doubtful = distance >= band && point.z > plane.nearest - band;
+        if distance <= -band || is_doubtful {
             continue;
         }
         let weight = if distance >= band {
-            FREE_WEIGHT * weight
+            FREE_WEIGHT * plane.weight
         } else if distance < 0.0 {
             // Behind a surface, the less certain the deeper.
-            weight * (1.0 + distance / band)
+            plane.weight * (1.0 + distance / band)
         } else {
-            weight
+            plane.weight
         };
         let total = voxel.weight + weight;
         voxel.distance += (distance.min(band) - voxel.distance) * (weight / total);

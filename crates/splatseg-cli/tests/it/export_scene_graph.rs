@@ -16,7 +16,6 @@ fn schema() -> Value {
 /// `properties` together allow no other keys, so that none is forgotten.
 fn misfit(root: &Value, schema: &Value, value: &Value, place: &str) -> Option<String> {
     for (word, rule) in schema.as_object().unwrap() {
-        let numbers = |name: &str| value.as_f64().is_some_and(|value| value < schema[name].as_f64().unwrap());
         let fits = match word.as_str() {
             "description" | "title" | "$schema" | "$id" | "$defs" => true,
             "$ref" => {
@@ -30,13 +29,13 @@ fn misfit(root: &Value, schema: &Value, value: &Value, place: &str) -> Option<St
                 Value::Array(kinds) => kinds.iter().any(|kind| is_of(kind, value)),
                 kind => is_of(kind, value),
             },
-            "minimum" => !numbers("minimum"),
+            "minimum" => !value.as_f64().is_some_and(|value| value < rule.as_f64().unwrap()),
             "maximum" => !value.as_f64().is_some_and(|value| value > rule.as_f64().unwrap()),
             "minItems" => value.as_array().is_none_or(|items| items.len() as u64 >= rule.as_u64().unwrap()),
             "maxItems" => value.as_array().is_none_or(|items| items.len() as u64 <= rule.as_u64().unwrap()),
             "items" => {
-                let items = value.as_array().into_iter().flatten().enumerate();
-                let found = items.filter_map(|(at, item)| misfit(root, rule, item, &format!("{place}[{at}]"))).next();
+                let mut items = value.as_array().into_iter().flatten().enumerate();
+                let found = items.find_map(|(at, item)| misfit(root, rule, item, &format!("{place}[{at}]")));
                 if found.is_some() {
                     return found;
                 }
