@@ -81,7 +81,8 @@ impl ServerHandler for MapServer {
         request: CallToolRequestParams,
         context: RequestContext<RoleServer>,
     ) -> Result<CallToolResponse, ErrorData> {
-        let cancelled = || ErrorData::internal_error("the call was cancelled", None);
+        // The SDK also cancels a call whose id another request takes while it runs, so a client may see this.
+        let cancelled = || ErrorData::invalid_request("the call was cancelled", None);
         // A cancelled call that waits for its turn never begins. One that has begun ends, and its answer is dropped.
         let assistant = tokio::select! {
             assistant = Arc::clone(&self.assistant).lock_owned() => assistant,
