@@ -12,6 +12,7 @@
 //! | `boxes.rs` | distances and footprints of boxes |
 //! | `canvas.rs`, `plan.rs` | pictures |
 //! | `places.rs` | rooms, free space and routes, from whoever knows them |
+//! | `floor_places.rs` | the same from the map's floor plan |
 //! | `server.rs` | the protocol |
 //!
 //! `docs/ASSISTANT.md` explains the tools to users.
@@ -21,6 +22,7 @@ mod boxes;
 mod canvas;
 mod error;
 mod facts;
+mod floor_places;
 mod object_reference;
 mod open_map;
 mod places;
@@ -32,6 +34,7 @@ mod tools;
 
 pub use assistant::{Assistant, AssistantOptions};
 pub use error::McpError;
+pub use floor_places::floor_places;
 pub use places::{Destination, OpenPlaces, Places};
 pub use server::{MAX_MESSAGE_BYTES, MapServer, serve_stdio};
 pub use tool::{Outcome, Picture};

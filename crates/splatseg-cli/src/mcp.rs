@@ -4,7 +4,7 @@ use super::Failure;
 use super::name::open_network;
 use super::options::memory_limit;
 use clap::Args;
-use splatseg_mcp::{Assistant, AssistantOptions, McpError, serve_stdio};
+use splatseg_mcp::{Assistant, AssistantOptions, McpError, floor_places, serve_stdio};
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -46,7 +46,7 @@ pub fn mcp(arguments: &McpArguments) -> Result<(), Failure> {
         network,
         allow_write: arguments.allow_write,
     };
-    let assistant = Assistant::open(options).map_err(Failure::input)?;
+    let assistant = Assistant::with_places(options, Box::new(floor_places)).map_err(Failure::input)?;
     serve_stdio(assistant).map_err(|error| match error {
         // A person at a terminal, or a program that speaks something else.
         McpError::Connection(_) => Failure::input(error),

@@ -3,8 +3,9 @@
 use super::{NamedMap, Pipeline};
 use glam::Vec3;
 use splatseg_geometry::UpEstimate;
-use splatseg_objects::{ObjectList, SceneGraph};
+use splatseg_objects::{ObjectList, SceneGraph, SceneObject};
 use splatseg_odometry::{PoseSourceError, keyframe_views};
+use splatseg_places::PlanSettings;
 
 impl Pipeline {
     /// Adds the relations between objects that are certain to a list of this pipeline. None without keyframes, since they
@@ -32,7 +33,8 @@ impl NamedMap {
         Ok((!views.is_empty()).then(|| up.direction()))
     }
 
-    /// The objects of the map that count, their relations, and when each was last seen.
+    /// The objects of the map that count, their rooms and relations, and when each was last seen. A map that shows no floor is
+    /// one room.
     ///
     /// # Errors
     /// As [`Self::up`].
@@ -41,6 +43,16 @@ impl NamedMap {
         if let Some(up) = up {
             list.add_relations(&self.memory.map(), up);
         }
-        Ok(SceneGraph::new(&list, up, self.memory.frame_count(), &self.memory.last_seen()))
+        let mut graph = SceneGraph::new(&list, up, self.memory.frame_count(), &self.memory.last_seen());
+        // A map that shows no floor is one room.
+        if let Ok(plan) = self.floor_plan(PlanSettings::default())
+            && !plan.rooms().is_empty()
+        {
+            let names = plan.rooms().iter().map(|room| (room.id, room.name.clone())).collect();
+            let room_of = |object: &SceneObject| Some((object.id, plan.room_of(object.id)?.id));
+            let rooms = graph.objects.iter().filter_map(room_of).collect();
+            graph.set_rooms(&names, &rooms);
+        }
+        Ok(graph)
     }
 }

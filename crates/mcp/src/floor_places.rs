@@ -1,0 +1,44 @@
+//! The rooms, free space and routes of a map's floor plan.
+
+use crate::places::{Destination, Places};
+use glam::DVec3;
+use splatseg::pipeline::NamedMap;
+use splatseg_geometry::SegmentId;
+use splatseg_places::{Cell, FloorPlan, PlanSettings};
+
+/// The places of a map, from its keyframes.
+///
+/// # Errors
+/// A sentence: the map has no keyframes, or shows no floor.
+pub fn floor_places(map: &NamedMap) -> Result<Box<dyn Places>, String> {
+    match map.floor_plan(PlanSettings::default()) {
+        Ok(plan) => Ok(Box::new(plan)),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+impl Places for FloorPlan {
+    fn room_of(&self, object: SegmentId) -> Option<String> {
+        let room = self.room_of(object)?;
+        Some(room.name.clone().unwrap_or_else(|| format!("room {}", room.id)))
+    }
+
+    fn is_free(&self, place: DVec3) -> Option<bool> {
+        match self.grid().at(self.frame().to_plan(place)) {
+            Cell::Free => Some(true),
+            Cell::Occupied => Some(false),
+            Cell::Unknown => None,
+        }
+    }
+
+    fn route(&self, from: DVec3, to: Destination, radius: f64) -> Result<Vec<DVec3>, String> {
+        let frame = self.frame();
+        let from = frame.to_plan(from);
+        let route = match to {
+            Destination::Place(place) => self.route(from, frame.to_plan(place), radius),
+            Destination::Object(object) => self.route_to_object(from, object, radius).map(|(route, _)| route),
+        };
+        let route = route.map_err(|error| error.to_string())?;
+        Ok(route.points.into_iter().map(|point| frame.to_world(point)).collect())
+    }
+}
