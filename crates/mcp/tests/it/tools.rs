@@ -65,7 +65,7 @@ fn objects_are_listed_page_by_page_and_narrowed() {
         }
         assert_eq!(ids, list.objects.iter().map(|object| object.id).collect::<Vec<_>>());
 
-        let (_, data) = client.ask("list_objects", json!({ "name": "TABL" })).await;
+        let (_, data) = client.ask("list_objects", json!({ "name": "TAB" })).await;
         assert_eq!(data["total"], 2);
         let (_, large) = client.ask("list_objects", json!({ "min_size_m": 1.0, "limit": 100 })).await;
         let (_, small) = client.ask("list_objects", json!({ "max_size_m": 1.0, "limit": 100 })).await;
