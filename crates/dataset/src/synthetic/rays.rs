@@ -60,7 +60,7 @@ impl Caster<'_> {
 
     /// Returns the direction of a pixel's ray. With depth 1, z is 1 in camera coordinates, so that distance along the
     /// ray is z-depth.
-    fn direction(&self, (column, row): (usize, usize)) -> Vec3 {
+    pub(super) fn direction(&self, (column, row): (usize, usize)) -> Vec3 {
         self.pose.rotation() * self.intrinsics.unproject(Vec2::new(column as f32, row as f32), 1.0)
     }
 
