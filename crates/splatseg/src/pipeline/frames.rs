@@ -145,6 +145,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
             Some(Prepared { reduced, segmented }) => (WorkingFrame::new(&frame, reduced), Some(segmented)),
             None => (pipeline.working_frame(&frame), None),
         };
+        let segmented = segmented.or_else(|| pipeline.segmented_before_fit(&working));
         let placed = match pipeline.place(&mut working, index, world_from_camera.as_ref()) {
             Ok(placed) => placed,
             Err(error) => return Some(Err(error.into())),

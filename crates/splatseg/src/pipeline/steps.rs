@@ -3,7 +3,7 @@
 use super::kept_names::KeptNames;
 use super::predicted_depth::DepthStage;
 use super::stage_times::StageClock;
-use super::stages::{Decided, Placed, in_thread_pool, process, segment, timed};
+use super::stages::{Decided, Placed, Segmented, in_thread_pool, process, segment, timed};
 use super::working_resolution::{WorkingFrame, WorkingResolution};
 use super::{FrameResult, PipelineError, Rotate};
 use splatseg_geometry::{CameraFrame, KeyframeId, MapView, Pose, QuarterTurn, RemappedId, RgbdFrame, SegmentId};
@@ -79,8 +79,9 @@ impl Pipeline {
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
         let camera_frame = self.predicted(frame.as_borrowed())?;
         let mut working = self.working_frame(&camera_frame);
+        let segmented = self.segmented_before_fit(&working);
         let placed = self.place(&mut working, self.objects.frames(), Some(frame.world_from_camera()))?;
-        self.step_placed(&working, placed)
+        self.step_placed(&working, placed, segmented)
     }
 
     /// Processes the next frame of a camera whose pose is unknown: it is tracked, unless [`PoseMode::Given`] forbids it.
@@ -90,8 +91,9 @@ impl Pipeline {
     pub fn step_unposed(&mut self, frame: CameraFrame<'_>) -> Result<FrameResult, PipelineError> {
         let frame = self.predicted(frame)?;
         let mut working = self.working_frame(&frame);
+        let segmented = self.segmented_before_fit(&working);
         let placed = self.place(&mut working, self.objects.frames(), None)?;
-        self.step_placed(&working, placed)
+        self.step_placed(&working, placed, segmented)
     }
 
     /// Corrects the given poses of earlier frames, e.g. after a SLAM system has closed a loop: the number of each frame,
@@ -114,10 +116,23 @@ impl Pipeline {
         in_thread_pool(|| resolution.frame(frame))
     }
 
-    fn step_placed(&mut self, frame: &WorkingFrame<'_>, placed: Placed) -> Result<FrameResult, PipelineError> {
+    /// What the segmenter finds in a frame whose predicted depth is fitted to the map when it is placed: frames that are
+    /// segmented ahead have not been fitted, either. `None` if nothing is fitted.
+    pub(super) fn segmented_before_fit(&mut self, frame: &WorkingFrame<'_>) -> Option<Segmented> {
+        let (segmenter, turn) = (&mut self.segmenter, self.turn);
+        let is_fitted = self.depth.as_ref().is_some_and(DepthStage::predicts_all);
+        is_fitted.then(|| in_thread_pool(|| segment(segmenter.as_mut(), frame, turn)))
+    }
+
+    fn step_placed(
+        &mut self,
+        frame: &WorkingFrame<'_>,
+        placed: Placed,
+        segmented: Option<Segmented>,
+    ) -> Result<FrameResult, PipelineError> {
         let Self { segmenter, method, clock, objects, .. } = self;
         let result = in_thread_pool(|| {
-            let segmented = segment(segmenter.as_mut(), frame, placed.turn);
+            let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), frame, placed.turn));
             process(method.as_mut(), clock, objects, frame, placed, segmented)
         });
         self.completed(frame, result?)
