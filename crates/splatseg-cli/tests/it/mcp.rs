@@ -82,6 +82,7 @@ fn what_cannot_be_served_is_one_line() {
     assert!(ended.code == 2 && ended.err.contains("map.ply") && ended.err.lines().count() == 1, "{}", ended.err);
     fs::write(&map, "ply\nnothing").unwrap();
     assert_eq!(mcp(&[]).code, 2);
+    fs::remove_file(&map).unwrap();
     let map = save_map(folder.path());
     assert!(map.is_file());
     for option in ["--objects", "--earlier", "--names"] {
