@@ -31,11 +31,11 @@ def merge(
     Returns the report that docs/MERGING.md describes. Raises ``ValueError`` if a file cannot be used or the maps do not fit;
     then no file is written.
     """
-    pose = None
+    pose: list[float] | None = None
     if transform is not None:
-        pose = np.asarray(transform, np.float64)
-        if pose.shape != (4, 4):
-            raise ValueError(f"transform has the shape {pose.shape}, expected (4, 4)")
-        pose = pose.ravel().tolist()
+        matrix = np.asarray(transform, np.float64)
+        if matrix.shape != (4, 4):
+            raise ValueError(f"transform has the shape {matrix.shape}, expected (4, 4)")
+        pose = matrix.ravel().tolist()
     report: dict[str, Any] = json.loads(_splatseg.merge(earlier, later, out, pose))
     return report

@@ -2,9 +2,9 @@
 //!
 //! 1. The keyframes of both are joined: [`join_keyframes`] finds how the maps lie to each other, and corrects both.
 //! 2. The changes between the maps are found (`splatseg_objects::MapChanges`). The later map is right: what it looked
-//!    through is removed from the earlier one ([`changed`]), also from the depth of its keyframes.
+//!    through is removed from the earlier one (`changed.rs`), also from the depth of its keyframes.
 //! 3. Surfaces and ids that both have become one ([`SplatMemory::join`](splatseg_memory::SplatMemory::join)), and their
-//!    names ([`names`]).
+//!    names (`names.rs`).
 
 mod changed;
 mod error;
