@@ -25,7 +25,7 @@ const STEPS: usize = 10;
 /// A prior on the shift: as many pixels that say that it is zero, as a share of all.
 const SHIFT_PRIOR: f32 = 0.15;
 
-/// What is expected of a prediction before it is compared with anything: scale and shift of the frame before.
+/// Scale and shift that are assumed until a prediction is compared: those of the previous frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitPrior {
     /// Factor of the inverse depth.
@@ -41,7 +41,7 @@ impl Default for FitPrior {
     }
 }
 
-/// What turns a prediction into depth that fits.
+/// A correction of a prediction: scale, shift and a smooth residual.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthFit {
     prior: FitPrior,
@@ -167,7 +167,7 @@ fn global_fit(pairs: &[Pair], prior: FitPrior) -> FitPrior {
             scale: ((a * bb - ab * b) / determinant) as f32,
             shift: ((aa * b - ab * a) / determinant) as f32,
         };
-        // A shift that makes near things infinitely far is no fit.
+        // A small scale with a large shift would flatten everything to one depth.
         let is_possible =
             |fit: &FitPrior| fit.scale.is_finite() && fit.shift.is_finite() && fit.scale > 0.2 * start.scale;
         if !is_possible(&next) {

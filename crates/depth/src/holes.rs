@@ -51,7 +51,7 @@ pub fn filled(measured: &CowImage<'_, f32>, prediction: &PredictedDepth) -> Opti
 }
 
 /// True if the depth changes quickly at a pixel.
-pub(crate) fn is_edge(depth: &Image<f32>, (column, row): (usize, usize)) -> bool {
+fn is_edge(depth: &Image<f32>, (column, row): (usize, usize)) -> bool {
     let here = depth[(column, row)];
     let (width, height) = depth.size();
     let beside = [

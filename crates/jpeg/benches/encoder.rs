@@ -8,7 +8,7 @@ use std::hint::black_box;
 
 const WIDTH: usize = 640;
 const HEIGHT: usize = 480;
-/// That of overlays.
+/// The quality of overlays.
 const QUALITY: u8 = 90;
 
 /// Tinted areas with edges and a little noise, like an overlay.

@@ -10,7 +10,7 @@ use splatseg::names::ClipNames;
 use splatseg::pipeline::NamedMap;
 use std::path::PathBuf;
 
-/// What an assistant may see and do.
+/// The files that an assistant is given, and whether it may write.
 #[derive(Debug, Default)]
 pub struct AssistantOptions {
     /// The map: a memory saved by a run or a live session.
