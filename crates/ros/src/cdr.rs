@@ -139,6 +139,7 @@ mod tests {
             let _ = from_cdr::<PoseStamped>(&bytes);
             let _ = from_cdr::<crate::PointCloud2<'_>>(&bytes);
             let _ = from_cdr::<crate::MarkerArray<'_>>(&bytes);
+            let _ = from_cdr::<crate::OccupancyGrid>(&bytes);
         }
     }
 }

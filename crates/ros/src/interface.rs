@@ -87,12 +87,17 @@ macro_rules! message {
 
 #[cfg(test)]
 mod tests {
-    use crate::{Detection3dArray, DiagnosticArray, MarkerArray, Message, Odometry};
+    use crate::{Detection3dArray, DiagnosticArray, MarkerArray, Message, OccupancyGrid, Odometry};
 
     #[test]
     fn a_schema_defines_every_type_once() {
-        let interfaces =
-            [Odometry::INTERFACE, MarkerArray::INTERFACE, Detection3dArray::INTERFACE, DiagnosticArray::INTERFACE];
+        let interfaces = [
+            Odometry::INTERFACE,
+            MarkerArray::INTERFACE,
+            Detection3dArray::INTERFACE,
+            DiagnosticArray::INTERFACE,
+            OccupancyGrid::INTERFACE,
+        ];
         for schema in interfaces.map(|interface| interface.schema()) {
             let defined: Vec<&str> = schema.lines().filter_map(|line| line.strip_prefix("MSG: ")).collect();
             for line in schema.lines().filter(|line| line.contains('/') && !line.starts_with("MSG: ")) {

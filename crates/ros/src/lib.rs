@@ -10,6 +10,7 @@ mod interface;
 mod cdr;
 mod diagnostic_msgs;
 mod geometry_msgs;
+mod nav_msgs;
 mod sensor_msgs;
 mod std_msgs;
 mod std_srvs;
@@ -23,6 +24,7 @@ pub use geometry_msgs::{
     TfMessage, Transform, TransformStamped, Twist, TwistWithCovariance, Vector3,
 };
 pub use interface::{Interface, Message};
+pub use nav_msgs::{MapMetaData, OccupancyGrid};
 pub use sensor_msgs::{CameraInfo, CompressedImage, Image, PointCloud2, PointField, RegionOfInterest};
 pub use std_msgs::{ColorRgba, Duration, Float32Message, Header, TextMessage, Time};
 pub use std_srvs::{EmptyRequest, SetBoolRequest, SuccessResponse};
