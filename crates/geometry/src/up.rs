@@ -30,6 +30,13 @@ impl Default for UpEstimate {
 }
 
 impl UpEstimate {
+    /// Unit vector pointing up, in world coordinates, from the poses of a camera; `None` without any.
+    pub fn of<'a>(world_from_camera: impl IntoIterator<Item = &'a Pose>) -> Option<Vec3> {
+        let mut up = Self::default();
+        world_from_camera.into_iter().for_each(|pose| up.add(pose));
+        (up.frames > 0.0).then(|| up.direction())
+    }
+
     /// Records a frame's pose.
     pub fn add(&mut self, world_from_camera: &Pose) {
         let axes = world_from_camera.rotation().as_mat3();
@@ -66,9 +73,8 @@ mod tests {
     }
 
     fn estimate(poses: impl IntoIterator<Item = Mat4>) -> Vec3 {
-        let mut up = UpEstimate::default();
-        poses.into_iter().for_each(|pose| up.add(&Pose::from_matrix(pose.as_dmat4()).unwrap()));
-        up.direction()
+        let poses: Vec<Pose> = poses.into_iter().map(|pose| Pose::from_matrix(pose.as_dmat4()).unwrap()).collect();
+        UpEstimate::of(&poses).unwrap()
     }
 
     #[test]
@@ -88,6 +94,6 @@ mod tests {
     fn a_camera_that_stands_still_has_its_own_up() {
         let found = estimate([level(0.3, -0.4)]);
         assert!((found - level(0.3, -0.4).transform_vector3(Vec3::NEG_Y)).length() < 1e-3, "{found}");
-        assert_eq!(UpEstimate::default().direction(), Vec3::Z);
+        assert_eq!((UpEstimate::default().direction(), UpEstimate::of([])), (Vec3::Z, None));
     }
 }

@@ -47,9 +47,8 @@ impl Floor {
     /// Finds the lowest large level surface. The poses give a first estimate of up, the surface itself a better one.
     pub(crate) fn find(views: &[DepthView], max_range: f32) -> Result<Self, PlanError> {
         let origin = views.first().ok_or(PlanError::NoKeyframes)?.world_from_camera.translation();
-        let mut estimate = UpEstimate::default();
-        views.iter().for_each(|view| estimate.add(&view.world_from_camera));
-        let mut up = estimate.direction().as_dvec3();
+        let estimate = UpEstimate::of(views.iter().map(|view| &view.world_from_camera));
+        let mut up = estimate.ok_or(PlanError::NoKeyframes)?.as_dvec3();
         let mut height = 0.0;
         let pieces = pieces(views, origin, max_range);
         for _ in 0..2 {

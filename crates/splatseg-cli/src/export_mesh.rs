@@ -103,9 +103,7 @@ fn reconstructed(arguments: &ExportArguments, places: Places, settings: &MeshSet
 
 /// Where up is, as the cameras were held.
 fn up_of(keyframes: &[KeyframeView]) -> Vec3 {
-    let mut up = UpEstimate::default();
-    keyframes.iter().for_each(|keyframe| up.add(&keyframe.world_from_camera));
-    up.direction()
+    UpEstimate::of(keyframes.iter().map(|keyframe| &keyframe.world_from_camera)).unwrap_or(Vec3::Z)
 }
 
 /// Keeps the triangles of the selected objects.
