@@ -35,6 +35,11 @@ impl FloorPlan {
         Ok(Self { settings, frame, grid, floor_heights, footprints, rooms })
     }
 
+    /// Looks again where objects are, in the map that the plan was made of, after what its Gaussians show has changed.
+    pub fn look_for_objects(&mut self, map: &MapView<'_>) {
+        self.footprints = footprints(map, &self.frame, &self.grid.shape);
+    }
+
     /// The settings that it was made with.
     pub fn settings(&self) -> &PlanSettings {
         &self.settings
@@ -83,7 +88,17 @@ impl FloorPlan {
     }
 
     fn room(&self, id: u32) -> Option<&Room> {
-        self.rooms.rooms.get((id as usize).checked_sub(1)?)
+        self.rooms.rooms.iter().find(|room| room.id == id)
+    }
+
+    /// Gives rooms other numbers: `ids` has the new one for each.
+    pub(crate) fn number_rooms(&mut self, ids: &BTreeMap<u32, u32>) {
+        self.rooms.number(ids);
+    }
+
+    /// True if a cell is a part of a room's floor, and not only beside one.
+    pub(crate) fn is_room_floor(&self, cell: usize) -> bool {
+        self.rooms.is_floor[cell]
     }
 
     /// The number of a cell's room; 0 if it has none.

@@ -29,7 +29,8 @@ const BESIDE: f64 = 0.5;
 /// A room of the plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Room {
-    /// Its number, from 1: rooms are numbered by their middle, from low x to high x, then by y.
+    /// Its number, from 1: rooms are numbered by their middle, from low x to high x, then by y. A known room keeps its
+    /// number, see [`FloorPlan::keep_room_ids`](crate::FloorPlan::keep_room_ids).
     pub id: u32,
     /// Its name, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -58,6 +59,8 @@ pub struct Door {
 pub(crate) struct Rooms {
     pub rooms: Vec<Room>,
     pub of_cell: Vec<u32>,
+    /// True for the cells of a room's floor, furniture included; the others with a room are beside it.
+    pub is_floor: Vec<bool>,
 }
 
 impl Rooms {
@@ -68,6 +71,17 @@ impl Rooms {
             distances(shape, |cell| !is_inside[cell]).into_iter().map(|cells| cells * shape.resolution).collect();
         let basins = Basins::new(shape, &width, &is_inside);
         basins.rooms(grid, &width)
+    }
+
+    /// Gives rooms other numbers: `ids` has the new one for each.
+    pub(crate) fn number(&mut self, ids: &BTreeMap<u32, u32>) {
+        let new = |id: &mut u32| *id = ids.get(id).copied().unwrap_or(*id);
+        self.of_cell.iter_mut().for_each(new);
+        for room in &mut self.rooms {
+            new(&mut room.id);
+            room.doors.iter_mut().for_each(|door| new(&mut door.to));
+        }
+        self.rooms.sort_by_key(|room| room.id);
     }
 }
 
@@ -186,9 +200,10 @@ impl Basins {
             rooms.push(Room { id, name: None, middle, area_m2, doors: Vec::new() });
         }
         add_doors(shape, width, &of_cell, &mut rooms);
+        let is_floor = of_cell.iter().map(|room| *room != 0).collect();
         spread(shape, &mut of_cell, APART, |cell| grid.cells[cell] != Cell::Occupied);
         spread(shape, &mut of_cell, BESIDE, |_| true);
-        Rooms { rooms, of_cell }
+        Rooms { rooms, of_cell, is_floor }
     }
 }
 

@@ -2,9 +2,10 @@
 //! measures more of them.
 
 use crate::seen_tour::{SeenTour, plan_of};
-use glam::{DMat4, DVec3};
+use glam::{DMat4, DVec2, DVec3};
+use splatseg_files::StateBlock;
 use splatseg_geometry::Pose;
-use splatseg_places::{Cell, PlanFile, RouteError, map_server};
+use splatseg_places::{Cell, KnownRooms, PlanFile, Room, RouteError, map_server};
 use splatseg_test_scenes::room;
 use std::collections::BTreeMap;
 
@@ -19,6 +20,7 @@ fn the_plan_of_four_rooms_is_as_they_are() {
     assert!(errors.inside * 400 <= errors.both && errors.unseen * 400 <= errors.both, "{errors:?}");
     assert_eq!((tour.rooms_found(), tour.plan.rooms().len()), (4, 4), "{:?}", tour.plan.rooms());
     assert!(tour.plan.rooms().iter().all(|room| room.doors.len() == 2), "{:?}", tour.plan.rooms());
+    rooms_keep_their_numbers(&tour);
     let (right, all) = tour.objects_in_rooms();
     assert!(right * 20 >= all * 19 && all > 40, "{right} of {all}");
     let (found, none, touching) = tour.routes(0.2);
@@ -41,6 +43,48 @@ fn the_plan_of_four_rooms_is_as_they_are() {
     }
     assert!(approached > 30, "{approached}");
     assert_eq!(tour.plan.approach(9999, 0.2), Err(RouteError::NoObject(9999)));
+}
+
+/// Numbers of rooms last from plan to plan, and from file to file.
+fn rooms_keep_their_numbers(tour: &SeenTour) {
+    let mut plan = tour.plan.clone();
+    let mut known = KnownRooms::default();
+    plan.keep_room_ids(&mut known);
+    assert_eq!(plan.rooms(), tour.plan.rooms(), "the first plan numbers them");
+    // Two of the rooms were known under other numbers, and one that is not in the plan.
+    let middle = |id: usize| plan.frame().to_world(plan.rooms()[id].middle).to_array();
+    let mut block = StateBlock::default();
+    block.put("id", &[], [2_u32, 5, 6]);
+    block.put("middle", &[3], [middle(3), middle(0), [900.0, 0.0, 0.0]].as_flattened().iter().copied());
+    known = KnownRooms::from_block(&block).unwrap();
+    plan.keep_room_ids(&mut known);
+    assert_eq!(plan.rooms().iter().map(|room| room.id).collect::<Vec<_>>(), [2, 5, 7, 8]);
+    let old_id = |id: u32| match id {
+        2 => 4,
+        5 => 1,
+        7 => 2,
+        _ => 3,
+    };
+    for room in plan.rooms() {
+        let old = &tour.plan.rooms()[old_id(room.id) as usize - 1];
+        assert_eq!((room.middle, room.area_m2), (old.middle, old.area_m2));
+        let doors = |room: &Room, name: fn(u32) -> u32| room.doors.iter().map(|door| name(door.to)).collect::<Vec<_>>();
+        assert_eq!(doors(room, old_id), doors(old, |id| id));
+        assert_eq!(plan.room_at(room.middle).unwrap().id, room.id);
+        // An outline is exact to a cell.
+        let area: f64 = plan.room_outlines(room.id).iter().map(|outline| enclosed(outline)).sum();
+        assert!((area - room.area_m2).abs() < 0.05 * room.area_m2, "{area} {}", room.area_m2);
+    }
+    assert!(plan.rooms_of_objects().values().all(|room| [2, 5, 7, 8].contains(room)));
+    assert_eq!(KnownRooms::from_block(&known.to_block()).unwrap(), known);
+    block.put("middle", &[3], [f64::NAN; 9]);
+    assert!(KnownRooms::from_block(&block).is_err());
+}
+
+/// Area within a closed line, negative if it is clockwise.
+fn enclosed(outline: &[DVec2]) -> f64 {
+    let next = outline.iter().cycle().skip(1);
+    0.5 * outline.iter().zip(next).map(|(one, other)| one.perp_dot(*other)).sum::<f64>()
 }
 
 #[test]
