@@ -85,6 +85,7 @@ pub(crate) fn converted(text: &[u8]) -> Result<StateBlock, String> {
         remapped: old.remapped,
         keyframes: with_text(old.keyframes),
         names: with_text(old.names),
+        history: StateBlock::default(),
     };
     Ok(saved.into_block())
 }

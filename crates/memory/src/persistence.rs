@@ -20,6 +20,8 @@ pub struct Attached<'a> {
     pub keyframes: Option<&'a [u8]>,
     /// The names of objects; [`SplatMemory::take_names`] returns them after loading.
     pub names: Option<&'a [u8]>,
+    /// When objects were seen, and the rooms so far; [`SplatMemory::take_history`] returns them after loading.
+    pub history: Option<&'a [u8]>,
 }
 
 impl SplatMemory {
@@ -64,6 +66,7 @@ impl SplatMemory {
             remapped: self.remapped.iter().map(|(from, into)| [*from, *into]).collect(),
             keyframes: attached_block(attached.keyframes)?,
             names: attached_block(attached.names)?,
+            history: attached_block(attached.history)?,
         };
         let saved_state = saved_state.into_block();
         let view = SplatFileView {
@@ -103,18 +106,19 @@ impl SplatMemory {
             let patches = PatchGraph::restored(saved.patches, map.len(), segments.highest())?;
             let together = CoVisibleIds::restored((saved.together, saved.crowded));
             let bytes = |block: StateBlock| (!block.is_empty()).then(|| block.to_bytes()).transpose();
-            let attached = bytes(saved.keyframes).and_then(|keyframes| Ok((keyframes, bytes(saved.names)?)));
+            let attached = bytes(saved.keyframes)
+                .and_then(|keyframes| Ok((keyframes, bytes(saved.names)?, bytes(saved.history)?)));
             Ok((segments, patches, recent, together, saved.remapped, attached.map_err(|error| error.to_string())?))
         });
         let damaged = |found| LoadMemoryError::SavedState { path: path.display().to_string(), found };
-        let (segments, patches, recent, together, remapped, (keyframes, names)) = restored.map_err(damaged)?;
+        let (segments, patches, recent, together, remapped, attached) = restored.map_err(damaged)?;
         let saved = SavedStore { path, content, highest_id: segments.highest() };
         let store = (settings.kind.definition().restore)(&settings, saved)?;
         let mut memory = Self::with_parts(settings, map, store, segments);
         (memory.frames, memory.origin) = (frames, origin);
         (memory.patches, memory.recent, memory.co_visible) = (patches, recent, together);
         memory.remapped = remapped.into_iter().map(|[from, into]| (from, into)).collect();
-        (memory.keyframes, memory.names) = (keyframes, names);
+        (memory.keyframes, memory.names, memory.history) = attached;
         Ok(memory)
     }
 
@@ -128,5 +132,11 @@ impl SplatMemory {
     /// taken already.
     pub fn take_names(&mut self) -> Option<Vec<u8>> {
         self.names.take()
+    }
+
+    /// When objects were seen, and the rooms so far, that a loaded file contains: bytes of a [`StateBlock`]. `None` if there
+    /// are none, or they were taken already.
+    pub fn take_history(&mut self) -> Option<Vec<u8>> {
+        self.history.take()
     }
 }

@@ -16,6 +16,7 @@
 //! | `recent.…` | | the last frames, see `recent/saved.rs` |
 //! | `keyframes.…` | | the camera's keyframes, see `saved_keyframes.rs` in `odometry` |
 //! | `names.…` | | the names of objects, see `names.rs` in `objects` |
+//! | `history.…` | | when objects were seen, and the rooms so far, see `map_history.rs` in `splatseg` |
 
 use crate::patches::SavedPatches;
 use crate::recent::SavedRecentFrames;
@@ -37,6 +38,7 @@ const PATCHES: &str = "patches";
 const RECENT: &str = "recent";
 const KEYFRAMES: &str = "keyframes";
 const NAMES: &str = "names";
+const HISTORY: &str = "history";
 
 /// State saved besides the Gaussians.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -61,6 +63,8 @@ pub(crate) struct SavedState {
     pub keyframes: StateBlock,
     /// The names of objects; empty if there are none.
     pub names: StateBlock,
+    /// When objects were seen, and the rooms so far; empty if nothing is known.
+    pub history: StateBlock,
 }
 
 impl SavedState {
@@ -91,6 +95,7 @@ impl SavedState {
         block.put_block(RECENT, self.recent.into_block());
         block.put_block(KEYFRAMES, self.keyframes);
         block.put_block(NAMES, self.names);
+        block.put_block(HISTORY, self.history);
         block
     }
 
@@ -115,6 +120,7 @@ impl SavedState {
             remapped: block.get_tuples(REMAPPED)?,
             keyframes: block.take_block(KEYFRAMES),
             names: block.take_block(NAMES),
+            history: block.take_block(HISTORY),
         })
     }
 }

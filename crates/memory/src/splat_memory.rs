@@ -57,6 +57,8 @@ pub struct SplatMemory {
     pub(crate) keyframes: Option<Vec<u8>>,
     /// The names of objects that a loaded file contains.
     pub(crate) names: Option<Vec<u8>>,
+    /// When objects were seen, and the rooms so far, that a loaded file contains.
+    pub(crate) history: Option<Vec<u8>>,
     warned_of_limit: bool,
 }
 
@@ -124,6 +126,7 @@ impl SplatMemory {
             remapped: BTreeMap::new(),
             keyframes: None,
             names: None,
+            history: None,
             warned_of_limit: false,
         }
     }

@@ -5,7 +5,7 @@ use splatseg_files::csv_cell;
 use std::fmt::Display;
 
 /// The columns; `docs/OBJECTS.md` describes them.
-const COLUMNS: [&str; 46] = [
+const COLUMNS: [&str; 49] = [
     "id",
     "label",
     "state",
@@ -52,6 +52,9 @@ const COLUMNS: [&str; 46] = [
     "completed_points",
     "label_score",
     "label_alternatives",
+    "room",
+    "first_seen_s",
+    "last_seen_s",
 ];
 
 impl ObjectList {
@@ -100,6 +103,8 @@ fn cells_of(object: &Object) -> Vec<String> {
     cells.push(cell(object.label_score));
     let alternatives: Vec<&str> = object.label_alternatives.iter().map(|other| other.label.as_str()).collect();
     cells.push(csv_cell(&alternatives.join("; ")));
+    cells.push(cell(object.room));
+    cells.extend([object.first_seen_s, object.last_seen_s].map(cell));
     cells
 }
 

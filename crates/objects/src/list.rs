@@ -1,9 +1,8 @@
 //! The content of `objects.json`: every object of a run. `docs/OBJECTS.md` describes each key for users.
 
 use crate::{
-    BoundingBox, LabelScore, ObjectLog, ObjectNames, ObjectShape, Relation, SeenObjects, object_shapes, relations,
+    BoundingBox, LabelScore, ListedRoom, ObjectLog, ObjectNames, ObjectShape, Relation, SeenObjects, object_shapes,
 };
-use glam::Vec3;
 use serde::{Deserialize, Serialize};
 use serde_json::ser::Formatter;
 use splatseg_geometry::{MapView, SegmentId};
@@ -34,9 +33,12 @@ pub struct ObjectList {
     /// The others, in the same order: tentative and forgotten ones.
     #[serde(default)]
     pub not_counted: Vec<Object>,
-    /// The relations between those that count which are certain; see [`ObjectList::add_relations`].
+    /// The relations between those that count which are certain; see [`ObjectList::set_relations`].
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub relations: Vec<Relation>,
+    /// The rooms, by increasing number; see [`ObjectList::set_rooms`]. Empty if they are not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rooms: Vec<ListedRoom>,
 }
 
 /// Numbers of objects by their state.
@@ -90,6 +92,16 @@ pub struct Object {
     pub first_frame: Option<FrameStamp>,
     /// The last frame that showed it.
     pub last_frame: Option<FrameStamp>,
+    /// The earliest stamp of a frame that showed it, seconds, over all runs of the map; see
+    /// [`ObjectList::add_seen_times`]. Null if the frames had none, or the map does not tell.
+    #[serde(default)]
+    pub first_seen_s: Option<f64>,
+    /// The latest one.
+    #[serde(default)]
+    pub last_seen_s: Option<f64>,
+    /// Number of the room that it is in, of [`ObjectList::rooms`]; null if it is in none, or rooms are not known.
+    #[serde(default)]
+    pub room: Option<u32>,
     /// Confidence of its id, from 0 to 1: the mean over the frames that showed it of the mean over its pixels.
     pub confidence: Option<f32>,
     /// Mean sRGB colour: of its Gaussians by area or, without any, of the pixels of its best view.
@@ -160,6 +172,9 @@ impl Object {
             frames: 0,
             first_frame: None,
             last_frame: None,
+            first_seen_s: None,
+            last_seen_s: None,
+            room: None,
             confidence: None,
             color: None,
             shape: None,
@@ -206,6 +221,7 @@ impl ObjectList {
             objects,
             not_counted,
             relations: Vec::new(),
+            rooms: Vec::new(),
         };
         list.sort();
         list
@@ -285,13 +301,11 @@ impl ObjectList {
         }
     }
 
-    /// Adds the relations between the objects that count, from the map that the list was made of. `up` is a unit vector in
-    /// world coordinates.
-    pub fn add_relations(&mut self, map: &MapView<'_>, up: Vec3) {
+    /// Sets the relations to those of `found` between objects that count: see [`relations`](crate::relations).
+    pub fn set_relations(&mut self, found: &[Relation]) {
         let counted: BTreeSet<SegmentId> = self.objects.iter().map(|object| object.id).collect();
-        let mut found = relations(map, up);
-        found.retain(|one| counted.contains(&one.subject) && counted.contains(&one.object));
-        self.relations = found;
+        let is_counted = |one: &&Relation| counted.contains(&one.subject) && counted.contains(&one.object);
+        self.relations = found.iter().filter(is_counted).copied().collect();
     }
 
     /// The JSON text, with one line for each object.

@@ -60,7 +60,7 @@ pub struct SceneObject {
 pub struct LastSeen {
     /// Number of the frame, counted over all runs of the map, from 0; null if unknown.
     pub frame: Option<u32>,
-    /// Time of the frame, seconds, as the scene stamps it; null if unknown. Maps do not keep times.
+    /// Time of the frame, seconds, as the scene stamps it; null if unknown, as in maps of earlier versions.
     pub time_s: Option<f64>,
     /// The object's centre, world coordinates, metres; null if it has no place.
     pub position: Option<DVec3>,
@@ -76,7 +76,8 @@ impl SceneGraph {
     /// object, of `frames`.
     pub fn new(list: &ObjectList, up: Option<Vec3>, frames: u32, last_seen: &BTreeMap<SegmentId, u32>) -> Self {
         let object = |object: &crate::Object| {
-            let stamp = object.last_frame.as_ref().and_then(|frame| frame.time_s);
+            let of_run = object.last_frame.as_ref().and_then(|frame| frame.time_s);
+            let stamp = object.last_seen_s.or(of_run);
             let position = object.shape.as_ref().map(|shape| shape.centroid);
             SceneObject {
                 id: object.id,

@@ -177,7 +177,8 @@ pub struct RunArguments {
     /// Save all masks as one COCO file: compressed RLE, with the id as track_id
     #[arg(long, value_name = "FILE.json")]
     pub save_coco: Option<PathBuf>,
-    /// Save overlays, id images, camera, map and boxes of objects as a recording of ROS 2 messages, for Foxglove and Rerun
+    /// Save overlays, id images, camera, map, free space and boxes of objects as a recording of ROS 2 messages, for Foxglove
+    /// and Rerun
     #[arg(long, value_name = "FILE.mcap")]
     pub save_mcap: Option<PathBuf>,
     /// Continue with a saved memory and its ids

@@ -31,7 +31,7 @@ class LastSeen:
     frame: int | None
     """Number of the frame, from 0, counted over all runs of the map; ``None`` if unknown."""
     time_s: float | None
-    """Its time, seconds; ``None`` if unknown, as in saved maps."""
+    """Its time, seconds; ``None`` if unknown, as in maps of earlier versions."""
     position: tuple[float, float, float] | None
     """Centre of the object, world coordinates, metres; ``None`` if it has no place."""
 

@@ -184,14 +184,15 @@ fn a_saved_memory_is_corrected_in_the_same_way_and_keeps_its_keyframes() {
         block.put(name, &[], [1u8, 2]);
         block.to_bytes().unwrap()
     };
-    let (keyframes, names) = (bytes("id"), bytes("label"));
-    let attached = Attached { keyframes: Some(&keyframes), names: Some(&names) };
+    let (keyframes, names, history) = (bytes("id"), bytes("label"), bytes("seen"));
+    let attached = Attached { keyframes: Some(&keyframes), names: Some(&names), history: Some(&history) };
     memory.save_with(&path, attached).unwrap();
     let mut loaded = SplatMemory::load(&path, MemorySettings::default()).unwrap();
     assert_eq!(loaded.take_keyframes().unwrap(), keyframes);
     assert_eq!(loaded.take_keyframes(), None);
     assert_eq!((loaded.take_names().unwrap(), loaded.take_names()), (names, None));
-    let other = Attached { keyframes: Some(b"{}"), names: None };
+    assert_eq!((loaded.take_history().unwrap(), loaded.take_history()), (history, None));
+    let other = Attached { keyframes: Some(b"{}"), names: None, history: None };
     let error = memory.save_with(&path, other).unwrap_err().to_string();
     assert!(error.contains("no saved state, or a damaged one"), "{error}");
     loaded.set_anchor(&anchor(AGAIN, &[0]));

@@ -2,8 +2,8 @@
 
 use glam::{DVec3, Quat, Vec3};
 use splatseg_objects::{
-    AxisAlignedBox, BestView, BoundingBox, Conventions, FrameStamp, Object, ObjectCounts, ObjectList, ObjectLog,
-    ObjectShape, ObjectState, OrientedBox,
+    AxisAlignedBox, BestView, BoundingBox, Conventions, FrameStamp, ListedRoom, Object, ObjectCounts, ObjectList,
+    ObjectLog, ObjectShape, ObjectState, OrientedBox,
 };
 use std::collections::BTreeMap;
 
@@ -41,6 +41,9 @@ fn list() -> ObjectList {
         frames: 3,
         first_frame: Some(frame.clone()),
         last_frame: Some(frame),
+        first_seen_s: Some(1_305_031_000.5),
+        last_seen_s: Some(1_305_031_102.175_304),
+        room: Some(2),
         confidence: Some(0.875),
         color: Some([1, 2, 3]),
         shape: Some(shape),
@@ -70,6 +73,26 @@ fn json_has_one_line_per_object_and_reads_back() {
 }
 
 #[test]
+fn rooms_have_the_objects_that_count() {
+    let mut list = list();
+    let room = |id| ListedRoom {
+        id,
+        name: None,
+        area_m2: 12.5,
+        middle: DVec3::ONE,
+        outlines: vec![vec![DVec3::ZERO, DVec3::X, DVec3::Y]],
+        objects: Vec::new(),
+    };
+    list.set_rooms(vec![room(1), room(4)], &BTreeMap::from([(7, 4), (8, 1), (9, 1)]));
+    assert_eq!((list.objects[0].room, list.not_counted[0].room), (Some(4), Some(1)));
+    assert_eq!(list.rooms.iter().map(|room| room.objects.clone()).collect::<Vec<_>>(), [vec![], vec![7]]);
+    assert_eq!(serde_json::from_str::<ObjectList>(&list.to_json().unwrap()).unwrap(), list);
+    // A room that the list does not have is none.
+    list.set_rooms(vec![room(1)], &BTreeMap::from([(7, 4)]));
+    assert_eq!((list.objects[0].room, list.not_counted[0].room), (None, None));
+}
+
+#[test]
 fn lists_of_earlier_versions_have_no_completed_points() {
     let json = list().to_json().unwrap().replace(", \"completed_points\": 5", "");
     let read: ObjectList = serde_json::from_str(&json).unwrap();
@@ -89,7 +112,7 @@ fn csv_has_a_name_for_every_cell() {
     let name = "\"a, \"\"b\"\"\"";
     let expected = format!(
         "7,,remembered,3,0.875,4,{name},1305031102.175304,4,{name},1305031102.175304,1,2,3,0.1,-2.5,0.001,0,0,0,1,1,1,\
-         1,1,1,0.25,0.25,0.25,0,0,0,1,0.75,17,2,4,{name},1,2,3,4,objects/7.jpg,5,,"
+         1,1,1,0.25,0.25,0.25,0,0,0,1,0.75,17,2,4,{name},1,2,3,4,objects/7.jpg,5,,,2,1305031000.5,1305031102.175304"
     );
     assert_eq!(lines[1], expected);
     assert_eq!(lines[0].split(',').count(), expected.replace(name, "").split(',').count());

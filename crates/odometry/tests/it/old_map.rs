@@ -38,7 +38,7 @@ fn an_old_map_is_loaded_and_saved_in_the_present_form_with_the_same_content() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("map.ply");
     let again = saved_again(&keyframes);
-    memory.save_with(&path, Attached { keyframes: Some(&again), names: None }).unwrap();
+    memory.save_with(&path, Attached { keyframes: Some(&again), names: None, history: None }).unwrap();
     let text = std::fs::read(&path).unwrap();
     assert!(text.starts_with(b"ply\nformat binary_little_endian 1.0\ncomment splatseg memory 5 kind evidence"));
     let (_, loaded) = load(&path);

@@ -9,9 +9,11 @@
 //! | `/splatseg/points` | `sensor_msgs/msg/PointCloud2` | centres of the Gaussians at the end of the run |
 //! | `/splatseg/boxes` | `foxglove.SceneUpdate`, JSON | boxes and ids of the objects, for Foxglove |
 //! | `/splatseg/markers` | `visualization_msgs/msg/MarkerArray` | the same, for ROS |
+//! | `/splatseg/map` | `nav_msgs/msg/OccupancyGrid` | free space at the end of the run, for Nav2 |
 //!
-//! The last three need a memory. They come at the end of the file but have earlier times: the points have the time of
-//! the first frame, and each box has the time of the first frame that shows its object.
+//! The last four need a memory, and the grid also keyframes that show a floor. They come at the end of the file but have
+//! earlier times: points and grid have the time of the first frame, and each box has the time of the first frame that shows
+//! its object. If z does not point up in the world, the grid is in a frame that is turned for it, and `/tf_static` has that.
 //!
 //! Ids and poses are final in all messages, also in those of frames before the run found out that two ids are the same
 //! object, or that earlier poses were wrong.
@@ -37,6 +39,7 @@ use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, RemappedId, SegmentId};
 use splatseg_objects::RemapLog;
 use splatseg_odometry::PoseState;
+use splatseg_places::FloorPlan;
 use splatseg_ros::Time;
 use std::collections::BTreeMap;
 use std::io;
@@ -116,6 +119,9 @@ impl McapFile {
             recording.write("/tf_static", *first, &ros_messages::map_origin(stamp, map.origin))?;
         }
         recording.write("/splatseg/points", *first, &points.message(Time::from_nanoseconds(*first))?)?;
+        if let Some(plan) = end.plan {
+            write_plan(recording, *first, plan)?;
+        }
         let times = self.seen.first_times(end.remaps);
         let first_seen = |id: &SegmentId| times.get(id).copied().unwrap_or(*first);
         let objects = end.objects.all();
@@ -199,6 +205,15 @@ fn write_boxes(recording: &mut Recording, shown: &[ShownObject]) -> io::Result<(
         before = until;
     }
     Ok(())
+}
+
+/// Writes the grid of a plan, and its frame if that is not the world's.
+fn write_plan(recording: &mut Recording, time: i64, plan: &FloorPlan) -> io::Result<()> {
+    let stamp = Time::from_nanoseconds(time);
+    if let Some(transform) = ros_messages::plan_transform(stamp, plan, ros_messages::WORLD) {
+        recording.write("/tf_static", time, &transform)?;
+    }
+    recording.write("/splatseg/map", time, &ros_messages::occupancy_grid(stamp, plan, ros_messages::WORLD)?)
 }
 
 impl RunOutput for McapFile {

@@ -19,7 +19,8 @@ use std::time::Duration;
 
 #[derive(Debug, Args)]
 pub struct SessionOptions {
-    /// File of the map: loaded if it exists, and saved. The list of objects is beside it: FILE.objects.json
+    /// File of the map: loaded if it exists, and saved. The list of objects, with rooms and
+    /// relations, is beside it: FILE.objects.json
     #[arg(long, value_name = "FILE.ply")]
     pub map: Option<PathBuf>,
     /// Seconds between two saves of the map

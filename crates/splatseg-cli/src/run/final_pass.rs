@@ -17,12 +17,14 @@ use crate::output_folder::result_files;
 use rayon::current_num_threads;
 use rayon::prelude::*;
 use splatseg::Pipeline;
+use splatseg::pipeline::add_rooms;
 use splatseg::summary::needs_rgb;
 use splatseg_dataset::{FrameStream, GroundTruth, Scene, StreamedFrame};
 use splatseg_geometry::{FrameAnchor, SegmentId};
-use splatseg_objects::{KeptViews, ObjectLog, RemapLog, ViewedFrame};
+use splatseg_objects::{KeptViews, ObjectLog, RemapLog, SeenTimes, ViewedFrame};
 use splatseg_odometry::PoseState;
 use splatseg_output::{ChangesSince, FrameRecord, ObjectsFile, OutputError, ResultFolder, RunEnd, RunOutput};
+use splatseg_places::FloorPlan;
 use splatseg_tracking::{FrameOutput, Hindsight, TrackingError};
 use std::collections::BTreeSet;
 use std::io;
@@ -46,6 +48,7 @@ pub struct FinalPass<'a> {
 struct Decided {
     outputs: Vec<Box<dyn RunOutput>>,
     objects: ObjectLog,
+    seen: SeenTimes,
     ids: BTreeSet<SegmentId>,
     rgb_id_images: usize,
     /// Views of the objects with their final ids, if they are to be named.
@@ -53,12 +56,12 @@ struct Decided {
 }
 
 impl FinalPass<'_> {
-    /// Decides the frames of `history` again and writes their results. Returns false if the results stay as they are,
+    /// Decides the frames of `history` again and writes their results, with the plan of the map. Returns false if the results stay as they are,
     /// which is then said, or if a signal has stopped the pass.
     pub fn run(
         &self,
         pipeline: &mut Pipeline,
-        history: &FrameHistory,
+        (history, plan): (&FrameHistory, Option<FloorPlan>),
         ended: &mut LoopOutcome,
         changes: Option<ChangesSince<'_>>,
     ) -> bool {
@@ -67,6 +70,7 @@ impl FinalPass<'_> {
         let mut decided = Decided {
             outputs: outputs::of(self.job),
             objects: ObjectLog::default(),
+            seen: SeenTimes::default(),
             ids: BTreeSet::new(),
             rgb_id_images: 0,
             views: pipeline.has_namer().then(KeptViews::default),
@@ -83,7 +87,7 @@ impl FinalPass<'_> {
                 return false;
             }
         }
-        pipeline.set_objects(decided.objects);
+        pipeline.set_objects(decided.objects, decided.seen);
         if let Some(views) = decided.views {
             pipeline.set_views(views);
             if let Err(failure) = name_objects(pipeline) {
@@ -91,7 +95,7 @@ impl FinalPass<'_> {
             }
         }
         written.outputs = decided.outputs;
-        self.finish(pipeline, written, changes);
+        self.finish(pipeline, plan, written, changes);
         for id in counts.ids.difference(&decided.ids) {
             let removed = written.folder.remove(&ObjectsFile::crop(*id));
             written.output_errors.extend(removed.err());
@@ -153,13 +157,25 @@ impl FinalPass<'_> {
     }
 
     /// Writes the outputs that need the whole run, in place of those of before.
-    fn finish(&self, pipeline: &Pipeline, written: &mut WriterOutcome, changes: Option<ChangesSince<'_>>) {
+    fn finish(
+        &self,
+        pipeline: &Pipeline,
+        mut plan: Option<FloorPlan>,
+        written: &mut WriterOutcome,
+        changes: Option<ChangesSince<'_>>,
+    ) {
         let mut objects = pipeline.object_list();
         pipeline.add_relations(&mut objects);
+        // Surfaces are where they were, but may show other objects.
+        if let Some((plan, map)) = plan.as_mut().zip(pipeline.map()) {
+            plan.look_for_objects(&map);
+            add_rooms(&mut objects, plan);
+        }
         let end = RunEnd {
             scene: &self.job.scene.display().to_string(),
             objects: &objects,
             map: pipeline.map(),
+            plan: plan.as_ref(),
             pose_corrections: &[],
             remaps: &RemapLog::default(),
             changes,
@@ -200,6 +216,9 @@ fn write(
     decided: &mut Decided,
 ) -> Result<(), OutputError> {
     let objects = decided.objects.record(&output);
+    if let Some(stamp) = frame.timestamp() {
+        decided.seen.record(stamp.as_secs_f64(), &objects);
+    }
     decided.ids.extend(objects.iter().map(|object| object.id));
     if let Some(views) = &mut decided.views {
         let known = (place.pose_state != PoseState::Lost).then(|| frame.world_from_camera());

@@ -45,7 +45,7 @@ use frame_loop::{FrameLoop, LoopOutcome, StateSaving};
 use progress::codebook_bar;
 use saved_run::RunState;
 use serde_json::Value;
-use splatseg::pipeline::{LoadedNetworks, PredictedDepthUse};
+use splatseg::pipeline::{LoadedNetworks, PredictedDepthUse, add_rooms};
 use splatseg::settings::MethodName;
 use splatseg::summary::Summary;
 use splatseg::{Pipeline, Settings};
@@ -54,6 +54,7 @@ use splatseg_files::read_file;
 use splatseg_objects::MapChanges;
 use splatseg_odometry::StateScope;
 use splatseg_output::{ChangesSince, Page, ResultFolder, RunEnd, RunOutput};
+use splatseg_places::{FloorPlan, PlanSettings};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -240,12 +241,12 @@ fn execute_with(
     if !has_final_pass {
         name_objects(&mut pipeline)?;
     }
-    let history = finish_outputs(job, scene.as_ref(), &pipeline, &mut ended, changes);
+    let (history, plan) = finish_outputs(job, scene.as_ref(), &mut pipeline, &mut ended, changes);
     let online = started.elapsed();
     let is_complete = ended.early.is_none() && ended.written.first_error.is_none() && ended.written.frames > 0;
     let final_pass = (has_final_pass && is_complete).then(|| {
         let pass = FinalPass { job, scene: &scene, signals: &signals };
-        pass.run(&mut pipeline, &history, &mut ended, changes).then(|| started.elapsed() - online)
+        pass.run(&mut pipeline, (&history, plan), &mut ended, changes).then(|| started.elapsed() - online)
     });
     let times = RunTimes { start_up, online, final_pass: final_pass.flatten() };
     let summary = report::finish(job, ended, times, &pipeline, memory_file.as_ref())?;
@@ -264,17 +265,18 @@ fn name_objects(pipeline: &mut Pipeline) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Brings the results of earlier frames up to date, and writes the outputs that need the whole run. Returns the frames.
+/// Brings the results of earlier frames up to date, and writes the outputs that need the whole run. Returns the frames, and
+/// the plan of the map if there is one.
 fn finish_outputs(
     job: &RunJob,
     scene: &dyn Scene,
-    pipeline: &Pipeline,
+    pipeline: &mut Pipeline,
     ended: &mut LoopOutcome,
     changes: Option<ChangesSince<'_>>,
-) -> FrameHistory {
+) -> (FrameHistory, Option<FloorPlan>) {
     let history = std::mem::take(&mut ended.written.history);
     if ended.written.frames == 0 {
-        return history;
+        return (history, None);
     }
     let images = FrameImages { scene, framing: job.settings.dataset.framing() };
     update_frames(&mut ended.written, &history, &images, &mut ended.counts);
@@ -282,17 +284,23 @@ fn finish_outputs(
     let mut objects = pipeline.object_list();
     history.count_remapped(&mut objects);
     pipeline.add_relations(&mut objects);
+    // Many maps show no floor.
+    let plan = pipeline.floor_plan(PlanSettings::default()).ok();
+    if let Some(plan) = &plan {
+        add_rooms(&mut objects, plan);
+    }
     ended.counts.unjoined_frames = history.unjoined_frames(&keyframes);
     let end = RunEnd {
         scene: &job.scene.display().to_string(),
         objects: &objects,
         map: pipeline.map(),
+        plan: plan.as_ref(),
         pose_corrections: &history.pose_corrections(&keyframes),
         remaps: history.remaps(),
         changes,
     };
     ended.written.for_each_output(|output, folder| output.finish(&end, folder));
-    history
+    (history, plan)
 }
 
 /// Writes what has changed since a loaded map. Returns `None` if that is unknown.

@@ -36,6 +36,7 @@ mod page_controls;
 mod page_large;
 mod page_map;
 mod paper;
+mod places;
 mod poses;
 mod recording;
 mod report_browser;

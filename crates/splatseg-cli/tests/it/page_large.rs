@@ -86,8 +86,15 @@ fn write_page(folder: &Path) -> usize {
     }
     let objects = ObjectList::new(&log, Some(memory.map()));
     let (scene, map_at_end, remaps) = ("wall of tiles", Some(memory.map()), RemapLog::default());
-    let end =
-        RunEnd { scene, objects: &objects, map: map_at_end, pose_corrections: &[], remaps: &remaps, changes: None };
+    let end = RunEnd {
+        scene,
+        objects: &objects,
+        map: map_at_end,
+        plan: None,
+        pose_corrections: &[],
+        remaps: &remaps,
+        changes: None,
+    };
     page.finish(&end, &mut Folder(folder)).unwrap();
     memory.gaussian_count()
 }

@@ -20,6 +20,7 @@ use changed::{Changed, removed, views};
 use names::joined_names;
 use report::ObjectIds;
 use splatseg_geometry::Pose;
+use splatseg_objects::SeenTimes;
 use splatseg_odometry::{JoinedKeyframes, erase_surfaces, join_keyframes};
 
 /// How maps are merged.
@@ -66,6 +67,14 @@ pub fn merge_maps(earlier: NamedMap, later: NamedMap, options: &MergeOptions) ->
     let keyframes = erase_surfaces(keyframes, *first_later, &removed(&earlier.memory.map(), &kept))?;
     earlier.memory.keep_gaussians(&kept);
     let joined_ids = earlier.memory.join(later.memory, *first_later, &changed.same())?;
+    let mut seen = SeenTimes::default();
+    for (id, time) in later.history.seen().all() {
+        if let Some(given) = joined_ids.given().get(&id) {
+            seen.add(*given, time);
+        }
+    }
+    earlier.history.add_earlier(&seen);
+    earlier.history.remap(joined_ids.remapped());
     let (names, conflicts) = joined_names(&earlier.names, &later.names, &joined_ids)?;
     (earlier.names, earlier.keyframes) = (names, Some(keyframes));
     earlier.names.keep_only(&earlier.memory.map().carried_ids());

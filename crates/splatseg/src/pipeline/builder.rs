@@ -1,6 +1,7 @@
 //! Builds a pipeline from settings.
 
 use super::kept_names::KeptNames;
+use super::map_history::{MapHistory, take_history};
 use super::named_map::take_names;
 use super::predicted_depth::DepthStage;
 use super::working_resolution::WorkingResolution;
@@ -42,6 +43,7 @@ pub struct PipelineBuilder<'a> {
     objects: ObjectLog,
     earlier_ids: Option<SegmentId>,
     names: KeptNames,
+    history: MapHistory,
     progress: Box<dyn FnMut(f32) + 'a>,
 }
 
@@ -70,6 +72,7 @@ impl<'a> PipelineBuilder<'a> {
             objects: ObjectLog::default(),
             earlier_ids: None,
             names: KeptNames::default(),
+            history: MapHistory::default(),
             progress: Box::new(|_| {}),
         }
     }
@@ -236,6 +239,7 @@ impl<'a> PipelineBuilder<'a> {
         let highest = pipeline.memory().map_or(0, SplatMemory::highest_id);
         pipeline.earlier_ids = self.earlier_ids.unwrap_or(highest);
         pipeline.names = self.names;
+        pipeline.history = self.history;
         Ok(pipeline)
     }
 
@@ -327,6 +331,7 @@ impl MethodParts for PipelineBuilder<'_> {
                 let mut memory = SplatMemory::load(path, settings.clone())?;
                 self.keyframes = memory.take_keyframes();
                 self.names.names = take_names(&mut memory, path)?;
+                self.history = take_history(&mut memory, path)?;
                 if self.saved_poses.is_none() {
                     memory.start_session();
                 }

@@ -5,6 +5,7 @@ use crate::parts::PartError;
 use crate::settings::SettingsError;
 use splatseg_dataset::FrameReadError;
 use splatseg_depth::DepthPredictorError;
+use splatseg_files::StateError;
 use splatseg_geometry::SegmentId;
 use splatseg_kernels::InstructionsError;
 use splatseg_memory::LoadMemoryError;
@@ -42,6 +43,14 @@ pub enum PipelineError {
         path: PathBuf,
         /// The error.
         source: NameError,
+    },
+    /// What a saved memory tells of times and rooms cannot be used.
+    #[error("{}: when objects were seen: {source}", path.display())]
+    History {
+        /// The saved memory.
+        path: PathBuf,
+        /// The error.
+        source: StateError,
     },
     /// A saved memory was given, but the method has no memory.
     #[error("{}: the method {method} has no splat memory to load", path.display())]

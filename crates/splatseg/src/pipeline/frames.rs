@@ -76,7 +76,9 @@ impl<S: FrameSource> Frames<'_, S> {
         let names = &self.pipeline.names.names;
         // Forgotten objects keep their labels in the list of the whole run.
         let names = (!names.is_empty()).then(|| names.to_bytes());
-        memory.save_with(path, Attached { keyframes: None, names: names.as_deref() })?;
+        let history = self.pipeline.history.of_present(memory, StateScope::Run);
+        let attached = Attached { keyframes: None, names: names.as_deref(), history: history.as_deref() };
+        memory.save_with(path, attached)?;
         Ok(true)
     }
 

@@ -4,7 +4,7 @@ use super::predicted_depth::DepthStage;
 use super::stages::in_thread_pool;
 use super::{DepthAgain, Pipeline, ReducedHindsight};
 use splatseg_geometry::SegmentId;
-use splatseg_objects::ObjectLog;
+use splatseg_objects::{ObjectLog, SeenTimes};
 use std::collections::BTreeSet;
 
 impl Pipeline {
@@ -45,7 +45,9 @@ impl Pipeline {
 
     /// Replaces the log of objects by that of the frames as they were decided again. The map's states follow: an object
     /// that fewer than two frames show in the end is tentative.
-    pub fn set_objects(&mut self, objects: ObjectLog) {
+    /// `seen` has when those frames showed them.
+    pub fn set_objects(&mut self, objects: ObjectLog, seen: SeenTimes) {
+        self.history.set_run(seen);
         let before = std::mem::replace(&mut self.objects, objects);
         let frames = |log: &ObjectLog, id| log.records().get(&id).map_or(0, |record| record.frames);
         let ids: BTreeSet<SegmentId> = before.records().keys().chain(self.objects.records().keys()).copied().collect();

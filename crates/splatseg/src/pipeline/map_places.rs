@@ -1,11 +1,15 @@
-//! The plan of a saved map.
+//! The plan of a map: of a saved one, of a pipeline's, and beside the frames.
 
-use super::{NamedMap, depth_views};
-use splatseg_odometry::PoseSourceError;
-use splatseg_places::{FloorPlan, PlanError, PlanSettings};
+use super::{NamedMap, Pipeline, depth_views};
+use glam::{DVec2, DVec3};
+use splatseg_geometry::{MapCopy, MapView, SegmentId, UpEstimate};
+use splatseg_objects::{ListedRoom, ObjectList, Relation, SceneGraph, relations};
+use splatseg_odometry::{PoseSourceError, StateScope};
+use splatseg_places::{FloorPlan, KnownRooms, PlanError, PlanSettings, Room};
+use std::collections::BTreeMap;
 use thiserror::Error;
 
-/// Why a saved map has no plan.
+/// Why a map has no plan.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum MapPlanError {
@@ -17,14 +21,148 @@ pub enum MapPlanError {
     Plan(#[from] PlanError),
 }
 
+/// What the plan of a pipeline's map is made of, as it was at one moment: for another thread.
+#[derive(Clone, Debug)]
+pub struct MapPlanInput {
+    map: MapCopy,
+    keyframes: Vec<u8>,
+    rooms: KnownRooms,
+}
+
+/// The plan of a map, and the relations between its objects.
+#[derive(Clone, Debug)]
+pub struct MapPlaces {
+    /// The plan, whose rooms have the numbers of [`Self::rooms`], or why there is none.
+    pub plan: Result<FloorPlan, PlanError>,
+    /// The rooms so far: for [`Pipeline::set_rooms`].
+    pub rooms: KnownRooms,
+    listed: Option<ListedRooms>,
+    relations: Vec<Relation>,
+}
+
+impl MapPlaces {
+    /// Adds rooms and relations to a list of the same map's objects.
+    pub fn add_to(&self, list: &mut ObjectList) {
+        list.set_relations(&self.relations);
+        if let Some(listed) = self.listed.clone() {
+            listed.add_to(list);
+        }
+    }
+}
+
+/// The rooms of a plan as a list of objects has them.
+#[derive(Clone, Debug)]
+struct ListedRooms {
+    rooms: Vec<ListedRoom>,
+    of_objects: BTreeMap<SegmentId, u32>,
+}
+
+impl MapPlanInput {
+    /// Makes the plan, on the threads of the caller's pool.
+    ///
+    /// # Errors
+    /// If the keyframes take more than the memory limit.
+    pub fn places(self, settings: PlanSettings) -> Result<MapPlaces, PoseSourceError> {
+        let Self { map, keyframes, mut rooms } = self;
+        let views = depth_views(&keyframes, None)?;
+        let mut plan = FloorPlan::new(&map.view(), &views, settings);
+        if let Ok(plan) = &mut plan {
+            plan.keep_room_ids(&mut rooms);
+        }
+        let up = UpEstimate::of(views.iter().map(|view| &view.world_from_camera));
+        let relations = up.map_or_else(Vec::new, |up| relations(&map.view(), up));
+        Ok(MapPlaces { listed: plan.as_ref().ok().map(ListedRooms::of), plan, rooms, relations })
+    }
+}
+
+impl Pipeline {
+    /// The plan of the map as it is now. Rooms keep the numbers that they had in earlier plans.
+    ///
+    /// # Errors
+    /// If there is no map, it has no keyframes, and as [`FloorPlan::new`].
+    pub fn floor_plan(&mut self, settings: PlanSettings) -> Result<FloorPlan, MapPlanError> {
+        let mut rooms = self.history.rooms.clone();
+        let map = self.map().ok_or(PlanError::NoKeyframes)?;
+        let plan = plan_of(&map, self.saved_poses(StateScope::Map).as_deref(), &mut rooms, settings)?;
+        self.history.rooms = rooms;
+        Ok(plan)
+    }
+
+    /// What [`Self::floor_plan`] uses, for another thread; `None` without a map with keyframes.
+    pub fn plan_input(&self) -> Option<MapPlanInput> {
+        let keyframes = self.saved_poses(StateScope::Map)?;
+        Some(MapPlanInput { map: MapCopy::of(&self.map()?), keyframes, rooms: self.history.rooms.clone() })
+    }
+
+    /// Rooms, objects and relations of a list of this pipeline's objects.
+    pub fn scene_graph(&self, list: &ObjectList) -> SceneGraph {
+        let keyframes = self.keyframes();
+        let up = UpEstimate::of(keyframes.values().map(|keyframe| &keyframe.world_from_keyframe));
+        let seen = self.memory().map(|memory| (memory.frame_count(), memory.last_seen())).unwrap_or_default();
+        let mut graph = SceneGraph::new(list, up, seen.0, &seen.1);
+        if !list.rooms.is_empty() {
+            let names = list.rooms.iter().map(|room| (room.id, room.name.clone())).collect();
+            graph.set_rooms(&names, &list.objects.iter().filter_map(|one| Some((one.id, one.room?))).collect());
+        }
+        graph
+    }
+
+    /// Sets the rooms so far, after a plan of [`Self::plan_input`].
+    pub fn set_rooms(&mut self, rooms: KnownRooms) {
+        self.history.rooms = rooms;
+    }
+}
+
 impl NamedMap {
-    /// The plan of the map: its floor, free space, rooms and the objects in them.
+    /// The plan of the map: its floor, free space, rooms and the objects in them. Rooms have the numbers that they had in the
+    /// session that saved the map.
     ///
     /// # Errors
     /// If the map has no keyframes or they are damaged, and as [`FloorPlan::new`].
     pub fn floor_plan(&self, settings: PlanSettings) -> Result<FloorPlan, MapPlanError> {
-        let keyframes =
-            self.keyframes.as_deref().map_or_else(|| Ok(Vec::new()), |keyframes| depth_views(keyframes, None))?;
-        Ok(FloorPlan::new(&self.memory.map(), &keyframes, settings)?)
+        let mut rooms = self.history.rooms.clone();
+        plan_of(&self.memory.map(), self.keyframes.as_deref(), &mut rooms, settings)
     }
+}
+
+fn plan_of(
+    map: &MapView<'_>,
+    keyframes: Option<&[u8]>,
+    rooms: &mut KnownRooms,
+    settings: PlanSettings,
+) -> Result<FloorPlan, MapPlanError> {
+    let views = keyframes.map_or_else(|| Ok(Vec::new()), |keyframes| depth_views(keyframes, None))?;
+    let mut plan = FloorPlan::new(map, &views, settings)?;
+    plan.keep_room_ids(rooms);
+    Ok(plan)
+}
+
+/// Adds the rooms of a plan to a list of the same map's objects.
+pub fn add_rooms(list: &mut ObjectList, plan: &FloorPlan) {
+    ListedRooms::of(plan).add_to(list);
+}
+
+impl ListedRooms {
+    fn of(plan: &FloorPlan) -> Self {
+        let frame = plan.frame();
+        let place = |place: DVec2| millimetres(frame.to_world(place));
+        let room = |room: &Room| ListedRoom {
+            id: room.id,
+            name: room.name.clone(),
+            area_m2: (room.area_m2 * 1e4).round() / 1e4,
+            middle: place(room.middle),
+            outlines: plan.room_outlines(room.id).into_iter().map(|one| one.into_iter().map(place).collect()).collect(),
+            objects: Vec::new(),
+        };
+        Self { rooms: plan.rooms().iter().map(room).collect(), of_objects: plan.rooms_of_objects() }
+    }
+
+    fn add_to(self, list: &mut ObjectList) {
+        list.set_rooms(self.rooms, &self.of_objects);
+    }
+}
+
+/// Rounds a place, and leaves no zero with a sign.
+fn millimetres(place: DVec3) -> DVec3 {
+    (place * 1e3).round() / 1e3 + 0.0
 }

@@ -3,6 +3,7 @@
 //! [`Pipeline`] is the only frame loop. `splatseg run`, `bench` and `demo` run it on scenes. A robot passes it the frames
 //! of its camera with [`Pipeline::step`].
 
+mod background;
 mod builder;
 mod enlarging;
 mod error;
@@ -11,10 +12,12 @@ mod frames;
 mod hindsight;
 mod kept_names;
 mod late;
+mod map_history;
 mod map_places;
 mod named_map;
 mod naming;
 mod naming_beside;
+mod plan_beside;
 mod predicted_depth;
 mod relations;
 mod rotate;
@@ -28,8 +31,10 @@ pub use error::{NameObjectsError, PipelineError, UnusableFrame};
 pub use frame_result::FrameResult;
 pub use frames::{Frames, Processed};
 pub use late::{LateFrame, WaitingFrames};
-pub use map_places::MapPlanError;
+pub use map_history::MapHistory;
+pub use map_places::{MapPlaces, MapPlanError, MapPlanInput, add_rooms};
 pub use named_map::{NamedMap, depth_views};
+pub use plan_beside::PlanBeside;
 pub use predicted_depth::{DepthAgain, PredictedDepthUse};
 pub use rotate::Rotate;
 pub use stage_times::StageTimes;

@@ -1,11 +1,12 @@
 //! A saved memory with the names of its objects, without a pipeline.
 
-use super::PipelineError;
+use super::map_history::take_history;
+use super::{MapHistory, PipelineError};
 use crate::names::{ClipNames, NamesError, views_from_keyframes};
 use crate::settings::SettingsLayers;
 use splatseg_memory::{Attached, SplatFileError, SplatMemory};
 use splatseg_objects::{DepthView, ObjectList, ObjectLog, ObjectName, ObjectNames};
-use splatseg_odometry::{KeyframeView, PoseSourceError, keyframe_views};
+use splatseg_odometry::{KeyframeView, PoseSourceError, StateScope, keyframe_views};
 use std::path::{Path, PathBuf};
 
 /// A saved memory and the names that [`Pipeline::name_objects`](super::Pipeline::name_objects) gave its objects.
@@ -16,6 +17,8 @@ pub struct NamedMap {
     pub names: ObjectNames,
     /// The camera's keyframes, as bytes for `splatseg_odometry`; `None` if the file has none.
     pub keyframes: Option<Vec<u8>>,
+    /// When objects were seen, and the rooms so far; nothing is known in maps of earlier versions.
+    pub history: MapHistory,
 }
 
 impl NamedMap {
@@ -35,13 +38,15 @@ impl NamedMap {
         // The state of a stopped run also has the names of objects that it has forgotten.
         names.keep_only(&memory.map().carried_ids());
         let keyframes = memory.take_keyframes();
-        Ok(Self { memory, names, keyframes })
+        let history = take_history(&mut memory, path)?;
+        Ok(Self { memory, names, keyframes, history })
     }
 
-    /// The objects of the map with their names.
+    /// The objects of the map with their names, and when they were seen.
     pub fn object_list(&self) -> ObjectList {
         let mut list = ObjectList::new(&ObjectLog::default(), Some(self.memory.map()));
         list.add_names(&self.names);
+        list.add_seen_times(&self.history.seen());
         list
     }
 
@@ -74,13 +79,15 @@ impl NamedMap {
         Ok(count)
     }
 
-    /// Saves the map with its names and keyframes.
+    /// Saves the map with its names, keyframes and history.
     ///
     /// # Errors
     /// As [`SplatMemory::save`].
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
         let names = (!self.names.is_empty()).then(|| self.names.to_bytes());
-        let attached = Attached { keyframes: self.keyframes.as_deref(), names: names.as_deref() };
+        let history = self.history.of_present(&self.memory, StateScope::Map);
+        let (keyframes, names, history) = (self.keyframes.as_deref(), names.as_deref(), history.as_deref());
+        let attached = Attached { keyframes, names, history };
         self.memory.save_with(path, attached)
     }
 }

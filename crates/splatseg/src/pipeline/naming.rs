@@ -281,11 +281,12 @@ impl Pipeline {
         found
     }
 
-    /// The objects seen so far or in the memory, with their labels. Confidences and best views are unknown until
+    /// The objects seen so far or in the memory, with their labels, and when they were seen. Confidences and best views are unknown until
     /// [`ObjectList::add_sightings`] is called.
     pub fn object_list(&self) -> ObjectList {
         let mut list = ObjectList::new(&self.objects, self.map());
         list.add_names(&self.names.names);
+        list.add_seen_times(&self.history.seen());
         list
     }
 

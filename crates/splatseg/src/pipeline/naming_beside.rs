@@ -4,6 +4,7 @@
 //! are then, so names are never about old views. The thread has the lowest priority, and a pool of threads of its own with
 //! itself in it, so that no part of a frame waits for it.
 
+use super::background::{busy_time, lower_priority};
 use super::kept_names::SharedNamer;
 use crate::parts::ObjectToName;
 use splatseg_geometry::SegmentId;
@@ -149,29 +150,6 @@ fn carry_out(namer: &SharedNamer, job: Job) -> Result<Named, NamerError> {
             Named::Labels(namer.label_objects(&objects)?)
         }
     })
-}
-
-/// Lets all other threads go first.
-fn lower_priority() {
-    #[cfg(target_os = "linux")]
-    if let Err(error) = rustix::process::setpriority_process(Some(rustix::thread::gettid()), 19) {
-        tracing::debug!("the thread that names objects keeps its priority: {error}");
-    }
-}
-
-/// Time that this thread has used: of the CPU where that is known, otherwise by the clock.
-fn busy_time() -> Duration {
-    #[cfg(target_os = "linux")]
-    {
-        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-        let seconds = u64::try_from(time.tv_sec).unwrap_or(0);
-        Duration::new(seconds, u32::try_from(time.tv_nsec).unwrap_or(0))
-    }
-    #[cfg(not(target_os = "linux"))]
-    {
-        static START: std::sync::OnceLock<Instant> = std::sync::OnceLock::new();
-        START.get_or_init(Instant::now).elapsed()
-    }
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use super::{NamedMap, Pipeline};
 use glam::Vec3;
 use splatseg_geometry::UpEstimate;
-use splatseg_objects::{ObjectList, SceneGraph, SceneObject};
+use splatseg_objects::{ObjectList, SceneGraph, SceneObject, relations};
 use splatseg_odometry::{PoseSourceError, keyframe_views};
 use splatseg_places::PlanSettings;
 
@@ -11,11 +11,10 @@ impl Pipeline {
     /// Adds the relations between objects that are certain to a list of this pipeline. None without keyframes, since they
     /// tell where up is.
     pub fn add_relations(&self, list: &mut ObjectList) {
-        let mut up = UpEstimate::default();
         let keyframes = self.keyframes();
-        keyframes.values().for_each(|keyframe| up.add(&keyframe.world_from_keyframe));
-        if let Some(map) = self.map().filter(|_| !keyframes.is_empty()) {
-            list.add_relations(&map, up.direction());
+        let up = UpEstimate::of(keyframes.values().map(|keyframe| &keyframe.world_from_keyframe));
+        if let Some((map, up)) = self.map().zip(up) {
+            list.set_relations(&relations(&map, up));
         }
     }
 }
@@ -28,9 +27,7 @@ impl NamedMap {
     pub fn up(&self) -> Result<Option<Vec3>, PoseSourceError> {
         let Some(keyframes) = &self.keyframes else { return Ok(None) };
         let views = keyframe_views(keyframes, None)?;
-        let mut up = UpEstimate::default();
-        views.iter().for_each(|view| up.add(&view.world_from_camera));
-        Ok((!views.is_empty()).then(|| up.direction()))
+        Ok(UpEstimate::of(views.iter().map(|view| &view.world_from_camera)))
     }
 
     /// The objects of the map that count, their rooms and relations, and when each was last seen. A map that shows no floor is
@@ -41,7 +38,7 @@ impl NamedMap {
     pub fn scene_graph(&self) -> Result<SceneGraph, PoseSourceError> {
         let (mut list, up) = (self.object_list(), self.up()?);
         if let Some(up) = up {
-            list.add_relations(&self.memory.map(), up);
+            list.set_relations(&relations(&self.memory.map(), up));
         }
         let mut graph = SceneGraph::new(&list, up, self.memory.frame_count(), &self.memory.last_seen());
         // A map that shows no floor is one room.

@@ -1,6 +1,7 @@
 //! The pipeline, frame by frame.
 
 use super::kept_names::KeptNames;
+use super::map_history::MapHistory;
 use super::predicted_depth::DepthStage;
 use super::stage_times::StageClock;
 use super::stages::{Decided, Placed, Segmented, in_thread_pool, process, segment, timed};
@@ -17,6 +18,7 @@ use splatseg_segmenter::Segmenter;
 use splatseg_tracking::Method;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::time::Duration;
 
 /// A segmenter, a pose source and a method: frames go in, lasting ids come out.
 pub struct Pipeline {
@@ -35,6 +37,10 @@ pub struct Pipeline {
     /// The largest id in use before the first frame.
     pub(super) earlier_ids: SegmentId,
     pub(super) names: KeptNames,
+    /// When objects were seen, and the rooms so far.
+    pub(super) history: MapHistory,
+    /// When the next frame was seen, if its stamp does not tell.
+    seen_at: Option<Duration>,
     /// Corrected poses of earlier frames that the source of poses gets with the next frame.
     corrected: BTreeMap<usize, Pose>,
     unreported: Unreported,
@@ -64,6 +70,8 @@ impl Pipeline {
             objects: ObjectLog::default(),
             earlier_ids: 0,
             names: KeptNames::default(),
+            history: MapHistory::default(),
+            seen_at: None,
             corrected: BTreeMap::new(),
             unreported: Unreported::default(),
         }
@@ -94,6 +102,12 @@ impl Pipeline {
         let segmented = self.segmented_before_fit(&working);
         let placed = self.place(&mut working, self.objects.frames(), None)?;
         self.step_placed(&working, placed, segmented)
+    }
+
+    /// Sets when the next frame was seen, for [`ObjectList::add_seen_times`](splatseg_objects::ObjectList::add_seen_times), if
+    /// its stamp is of another clock than those of earlier runs.
+    pub fn set_seen_at(&mut self, time: Duration) {
+        self.seen_at = Some(time);
     }
 
     /// Corrects the given poses of earlier frames, e.g. after a SLAM system has closed a loop: the number of each frame,
@@ -161,6 +175,7 @@ impl Pipeline {
             self.poses.receive(MethodFindings { remapped: &remapped, segments: None });
             self.objects.remap(&remapped);
             self.names.remap(&remapped);
+            self.history.remap(&remapped);
         }
         self.method.set_anchor(&anchor);
         self.unreported.remapped.extend(remapped);
@@ -185,7 +200,11 @@ impl Pipeline {
         self.poses.receive(MethodFindings { remapped: recognised, segments: Some(segments) });
         if !recognised.is_empty() {
             self.names.remap(recognised);
+            self.history.remap(recognised);
         }
+        let seen_at = self.seen_at.take().or(frame.whole.timestamp());
+        let stamp = seen_at.map(|time| time.as_secs_f64());
+        self.history.record(stamp, &result.output.update.new_segments, &result.objects);
         self.names.record(&frame.whole, &result);
         if self.names.namer.is_some() {
             let (named, time) = timed(|| self.name_after_frame());
@@ -220,15 +239,17 @@ impl Pipeline {
         self.method.memory()
     }
 
-    /// Saves the memory with the names of objects and the camera's keyframes, by which a later run finds its place in the
-    /// map.
+    /// Saves the memory with the names of objects, when they were seen, the rooms so far, and the camera's keyframes, by
+    /// which a later run finds its place in the map.
     ///
     /// # Errors
     /// As [`SplatMemory::save`]; `Ok(false)` if the method has no memory.
     pub fn save_memory(&self, path: impl AsRef<Path>) -> Result<bool, SplatFileError> {
         let Some(memory) = self.memory() else { return Ok(false) };
         let (keyframes, names) = (self.saved_poses(StateScope::Map), self.names.of_present(memory));
-        memory.save_with(path, Attached { keyframes: keyframes.as_deref(), names: names.as_deref() })?;
+        let history = self.history.of_present(memory, StateScope::Map);
+        let (keyframes, names, history) = (keyframes.as_deref(), names.as_deref(), history.as_deref());
+        memory.save_with(path, Attached { keyframes, names, history })?;
         Ok(true)
     }
 

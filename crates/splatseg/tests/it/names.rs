@@ -97,7 +97,7 @@ fn damaged_names_in_a_map_are_an_error_that_names_the_file() {
     names.put("score", &[], [1.0f64]);
     names.put_json("labels.json", &["two\nlines"]);
     let names = names.to_bytes().unwrap();
-    let attached = Attached { keyframes: None, names: Some(&names) };
+    let attached = Attached { keyframes: None, names: Some(&names), history: None };
     pipeline.memory().unwrap().save_with(&map, attached).unwrap();
     for error in [
         NamedMap::load(&map).err().unwrap().to_string(),
