@@ -41,7 +41,7 @@ pub struct ObjectFacts {
 /// When an object was last seen.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct LastSeen {
-    /// Number of the frame in the recording, from 0.
+    /// Number of the frame in the recording, from 0; in all recordings of the map together if only the map tells.
     pub frame: usize,
     /// Its time, seconds from the start of the recording or since 1970.
     pub time_s: Option<f64>,
@@ -63,7 +63,7 @@ impl ObjectFacts {
             center_m: shape.map(|shape| rounded(shape.oriented_box.center)),
             size_m: shape.map(sides),
             room: map.places.as_ref().ok().and_then(|places| places.room_of(object.id)),
-            frames: map.last_frame.as_ref().map(|_| object.frames),
+            frames: map.last_frame.as_ref().filter(|_| object.first_frame.is_some()).map(|_| object.frames),
             last_seen: object.last_frame.as_ref().map(|frame| LastSeen::new(frame, map.last_frame.as_ref())),
             tentative: object.state == Some(ObjectState::Tentative),
         }

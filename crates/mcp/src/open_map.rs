@@ -1,7 +1,7 @@
 //! The map, loaded again when its file has changed.
 
 use crate::places::{OpenPlaces, Places};
-use crate::sightings::{add_sightings, file_beside};
+use crate::sightings::{add_map_sightings, add_sightings, file_beside};
 use crate::{AssistantOptions, McpError};
 use glam::{DQuat, DVec3};
 use splatseg::pipeline::NamedMap;
@@ -121,7 +121,10 @@ impl LoadedMap {
                 Ok(last) => (last, None),
                 Err(error) => (None, Some(error.to_string())),
             },
-            None => (None, Some("the map does not tell; start the server with --objects objects.json".to_owned())),
+            None => match add_map_sightings(&mut list, &map) {
+                Some(last) => (Some(last), None),
+                None => (None, Some("the map does not tell; start the server with --objects objects.json".to_owned())),
+            },
         };
         let damaged = |error: PoseSourceError| McpError::File { path: path.to_owned(), problem: error.to_string() };
         let up = map.up().map_err(damaged)?.map_or(DVec3::Z, |up| up.as_dvec3().normalize_or(DVec3::Z));

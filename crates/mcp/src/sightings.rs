@@ -1,6 +1,7 @@
-//! When each object was seen, from the `objects.json` of a run or a live session: a map itself does not tell.
+//! When each object was seen, from the `objects.json` of a run or a live session, or from the map itself.
 
 use crate::McpError;
+use splatseg::pipeline::NamedMap;
 use splatseg_files::{read_file, text_of};
 use splatseg_objects::{FrameStamp, ObjectList};
 use std::path::{Path, PathBuf};
@@ -11,6 +12,23 @@ const MAX_BYTES: u64 = 64 << 20;
 /// The file in which a live session keeps the objects of a map: `home.objects.json` beside `home.ply`.
 pub fn file_beside(map: &Path) -> PathBuf {
     map.with_extension("objects.json")
+}
+
+/// Adds the last frame that showed each object of a map, as the map remembers it: its number of all runs, and its time.
+/// Returns the latest one; `None` if the map remembers no times.
+pub fn add_map_sightings(list: &mut ObjectList, map: &NamedMap) -> Option<FrameStamp> {
+    let frames = map.memory.last_seen();
+    list.all().find_map(|object| object.last_seen_s)?;
+    for object in list.objects.iter_mut().chain(&mut list.not_counted) {
+        let number = frames.get(&object.id).map(|frame| *frame as usize);
+        object.last_frame = number.zip(object.last_seen_s).map(|(number, time_s)| FrameStamp {
+            number,
+            name: None,
+            file: None,
+            time_s: Some(time_s),
+        });
+    }
+    list.all().filter_map(|object| object.last_frame.as_ref()).max_by_key(|frame| frame.number).cloned()
 }
 
 /// Adds the frames that showed each object of a map. Returns the last frame that showed any.
