@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """ROS 2 peers from PyPI for `splatseg ros2`: a camera that publishes a scene in the layout of 7-Scenes, and a reader that
-measures latency and compares boxes with objects.json. No ROS is needed; see docs/LIVE.md for the measurements.
+measures latency and compares boxes with objects.json and free space with an exported grid. No ROS is needed; see docs/LIVE.md for the measurements.
 
     pip install cyclonedds==11.0.1 numpy pillow                      # one virtual environment: cyclone, watch
     pip install ros-rclpy==9.1.2 ros-rmw-fastrtps-cpp ros-sensor-msgs numpy pillow   # another one: rclpy
@@ -157,15 +157,17 @@ def watch(arguments):
     os.environ["CYCLONEDDS_URI"] = LOOPBACK
     node = types.Peer()
     objects = node.reader("/splatseg/objects", types.Detection3DArray, latched=True, depth=1)
+    maps = node.reader("/splatseg/map", types.OccupancyGrid, latched=True, depth=1)
     ids = node.reader("/splatseg/ids", types.Image)
     diagnostics = node.reader("/diagnostics", types.DiagnosticArray)
-    latencies, latest, status = [], None, None
+    latencies, latest, status, grids = [], None, None, []
     end = time.monotonic() + arguments.seconds
     while time.monotonic() < end:
         for message in types.taken(ids):
             stamp = message.header.stamp
             latencies.append((time.time_ns() - stamp.sec * 10**9 - stamp.nanosec) / 1e6)
         latest = (types.taken(objects) or [latest])[-1]
+        grids += types.taken(maps)
         status = (types.taken(diagnostics) or [status])[-1]
         time.sleep(0.001)
     if latencies:
@@ -176,6 +178,10 @@ def watch(arguments):
         )
     if status:
         print("; ".join(f"{value.key} {value.value}" for value in status.status[0].values))
+    if grids:
+        print(f"{len(grids)} maps, the last one in {grids[-1].header.frame_id} of {len(grids[-1].data)} cells")
+        if arguments.grid:
+            compare_grid(grids[-1], arguments.grid)
     if latest and arguments.objects:
         listed = json.loads(arguments.objects.read_text())
         # The topic has tentative objects, too.
@@ -195,6 +201,16 @@ def compare(message, objects):
         received[item.id] = [place.x, place.y, place.z, size.x, size.y, size.z, turn.x, turn.y, turn.z, turn.w]
     same = [key for key in boxes if key in received and numpy.allclose(boxes[key], received[key], atol=1e-6)]
     print(f"{len(received)} boxes received, {len(boxes)} in the file, {len(same)} equal")
+
+
+def compare_grid(message, pgm):
+    """Cells read from the topic and from the image of `export --as occupancy`."""
+    pixels = numpy.asarray(Picture.open(pgm))[::-1]
+    cells = numpy.select([pixels == 254, pixels == 0], [0, 100], -1)
+    received = numpy.array(message.data).reshape(message.info.height, message.info.width)
+    same = received.shape == cells.shape and (received == cells).all()
+    counts = [int((received == value).sum()) for value in (0, 100, -1)]
+    print(f"the map is {'equal to' if same else 'NOT'} that of {pgm}; free, occupied, unknown: {counts}")
 
 
 def services(_):
@@ -236,6 +252,7 @@ def main():
     reader = commands.add_parser("watch")
     reader.set_defaults(command=watch)
     reader.add_argument("--seconds", type=float, default=30)
+    reader.add_argument("--grid", type=Path, help="compare the last map with this PGM file")
     reader.add_argument("--objects", type=Path, help="compare the last boxes with this file")
     commands.add_parser("services").set_defaults(command=services)
     arguments = parser.parse_args()
