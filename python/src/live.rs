@@ -43,6 +43,8 @@ struct SharedResults {
 struct Results {
     wanted: BTreeSet<Output>,
     messages: BTreeMap<Output, Vec<u8>>,
+    /// The latest message of each kind that is published only when it says something new.
+    kept: BTreeMap<Output, Vec<u8>>,
     status: String,
     frames: usize,
 }
@@ -61,8 +63,14 @@ impl Outlet for PythonOutlet {
     }
 
     fn publish(&mut self, output: Output, message: Vec<u8>) {
-        self.0.lock().messages.insert(output, message);
-        self.0.has_news.notify_one();
+        let mut state = self.0.lock();
+        if output.is_seldom() {
+            state.kept.insert(output, message.clone());
+        }
+        if state.wanted.contains(&output) {
+            state.messages.insert(output, message);
+            self.0.has_news.notify_one();
+        }
     }
 
     fn show(&mut self, status: &LiveStatus) {
@@ -145,7 +153,16 @@ impl Live {
             known.ok_or_else(|| value_error(format!("{wanted:?}: not a kind of messages")))
         };
         let wanted = names.into_iter().map(output).collect::<PyResult<BTreeSet<Output>>>()?;
-        self.results.lock().wanted = wanted;
+        let mut state = self.results.lock();
+        let before = std::mem::replace(&mut state.wanted, wanted);
+        let new: Vec<(Output, Vec<u8>)> = state
+            .kept
+            .iter()
+            .filter(|(output, _)| state.wanted.contains(output) && !before.contains(output))
+            .map(|(output, message)| (*output, message.clone()))
+            .collect();
+        state.messages.extend(new);
+        self.results.has_news.notify_one();
         Ok(())
     }
 
@@ -210,5 +227,12 @@ impl Live {
 }
 
 fn name(output: Output) -> String {
-    format!("{output:?}").to_lowercase()
+    let mut name = String::new();
+    for letter in format!("{output:?}").chars() {
+        if letter.is_uppercase() && !name.is_empty() {
+            name.push('_');
+        }
+        name.extend(letter.to_lowercase());
+    }
+    name
 }

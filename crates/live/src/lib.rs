@@ -11,6 +11,7 @@
 mod error;
 mod latest_times;
 mod outlet;
+mod places;
 mod recorder;
 mod requests;
 mod results;

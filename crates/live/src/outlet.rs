@@ -6,7 +6,8 @@ use splatseg::pipeline::FrameResult;
 use splatseg_geometry::{Image as Pixels, Intrinsics};
 use splatseg_objects::ObjectList;
 use splatseg_ros::{
-    CompressedImage, Detection3dArray, DiagnosticArray, Image, MarkerArray, Message, PointCloud2, TfMessage,
+    CompressedImage, Detection3dArray, DiagnosticArray, Image, MarkerArray, Message, OccupancyGrid, PointCloud2,
+    TextMessage, TfMessage,
 };
 use std::time::Duration;
 
@@ -23,6 +24,12 @@ pub enum Output {
     Overlay,
     /// The map as points.
     Points,
+    /// Free space as Nav2 reads it, when it has changed.
+    Map,
+    /// The frame of [`Self::Map`], if z does not point up in the world.
+    MapFrame,
+    /// Rooms, objects and relations as JSON, when the map has changed.
+    SceneGraph,
     /// Pose of the camera, if it is tracked.
     Transform,
     /// Rates, delays and drops.
@@ -31,8 +38,18 @@ pub enum Output {
 
 impl Output {
     /// All outputs.
-    pub const ALL: [Self; 7] =
-        [Self::Objects, Self::Markers, Self::Ids, Self::Overlay, Self::Points, Self::Transform, Self::Diagnostics];
+    pub const ALL: [Self; 10] = [
+        Self::Objects,
+        Self::Markers,
+        Self::Ids,
+        Self::Overlay,
+        Self::Points,
+        Self::Map,
+        Self::MapFrame,
+        Self::SceneGraph,
+        Self::Transform,
+        Self::Diagnostics,
+    ];
 
     /// The topic. `~` stands for the name of the node.
     pub fn topic(self) -> &'static str {
@@ -42,6 +59,9 @@ impl Output {
             Self::Ids => "~/ids",
             Self::Overlay => "~/overlay/compressed",
             Self::Points => "~/points",
+            Self::Map => "~/map",
+            Self::MapFrame => "/tf_static",
+            Self::SceneGraph => "~/scene_graph",
             Self::Transform => "/tf",
             Self::Diagnostics => "/diagnostics",
         }
@@ -60,14 +80,21 @@ impl Output {
             Self::Ids => Image::INTERFACE.name,
             Self::Overlay => CompressedImage::INTERFACE.name,
             Self::Points => PointCloud2::INTERFACE.name,
-            Self::Transform => TfMessage::INTERFACE.name,
+            Self::Map => OccupancyGrid::INTERFACE.name,
+            Self::SceneGraph => TextMessage::INTERFACE.name,
+            Self::Transform | Self::MapFrame => TfMessage::INTERFACE.name,
             Self::Diagnostics => DiagnosticArray::INTERFACE.name,
         }
     }
 
     /// True if the latest message is to be sent to whoever subscribes later (durability `TRANSIENT_LOCAL`).
     pub fn is_latched(self) -> bool {
-        matches!(self, Self::Objects | Self::Markers | Self::Points)
+        matches!(self, Self::Objects | Self::Markers | Self::Points) || self.is_seldom()
+    }
+
+    /// True if a message is published only when it says something new. Every outlet gets it, for those who come later.
+    pub fn is_seldom(self) -> bool {
+        matches!(self, Self::Map | Self::MapFrame | Self::SceneGraph)
     }
 }
 
@@ -97,7 +124,7 @@ pub trait Outlet: Send {
     /// Returns true if someone wants messages of a kind. Otherwise they are not made.
     fn wants(&self, output: Output) -> bool;
 
-    /// Publishes a message in CDR.
+    /// Publishes a message in CDR. One that [is seldom](Output::is_seldom) comes also if nobody wants it yet.
     fn publish(&mut self, output: Output, message: Vec<u8>);
 
     /// Receives the requests of the session, e.g. to pass on those of viewers. Called once, before the first frame.
@@ -144,7 +171,7 @@ impl Outlet for Vec<Box<dyn Outlet>> {
     }
 
     fn publish(&mut self, output: Output, message: Vec<u8>) {
-        for outlet in self.iter_mut().filter(|outlet| outlet.wants(output)) {
+        for outlet in self.iter_mut().filter(|outlet| output.is_seldom() || outlet.wants(output)) {
             outlet.publish(output, message.clone());
         }
     }

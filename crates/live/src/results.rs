@@ -3,16 +3,17 @@
 use crate::saved_map::objects;
 use crate::{LiveFrame, Outlet, Output};
 use splatseg::Pipeline;
-use splatseg::pipeline::FrameResult;
+use splatseg::pipeline::{FrameResult, MapPlaces};
 use splatseg_dataset::CoordinateFrames;
 use splatseg_geometry::{Image, SegmentId};
 use splatseg_objects::{Object, SeenObjects};
 use splatseg_odometry::PoseState;
 use splatseg_output::draw_overlay;
 use splatseg_output::ros_messages::{
-    CAMERA, CameraPose, IdPixels, PointBytes, ShownObject, WORLD, camera_pose, detections, id_image, markers, overlay,
+    CAMERA, CameraPose, IdPixels, PointBytes, ShownObject, WORLD, camera_pose, detections, id_image, markers,
+    occupancy_grid, overlay, plan_transform,
 };
-use splatseg_ros::{Detection3dArray, Header, Time, to_cdr};
+use splatseg_ros::{Detection3dArray, Header, TextMessage, Time, to_cdr};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -74,14 +75,14 @@ impl Results {
     pub(crate) fn publish_objects(
         &mut self,
         pipeline: &Pipeline,
-        seen: &SeenObjects,
+        (seen, places): (&SeenObjects, Option<&MapPlaces>),
         stamp: Duration,
         outlet: &mut dyn Outlet,
     ) {
         if !outlet.wants(Output::Objects) && !outlet.wants(Output::Markers) && !outlet.is_watched() {
             return;
         }
-        let list = objects(pipeline, seen);
+        let list = objects(pipeline, seen, places);
         outlet.show_objects(&list);
         if outlet.wants(Output::Objects) {
             send(outlet, Output::Objects, to_cdr(&self.detections(stamp, list.all())));
@@ -106,6 +107,30 @@ impl Results {
         objects: impl Iterator<Item = &'a Object>,
     ) -> Detection3dArray {
         detections(&header(stamp, self.world()), objects)
+    }
+
+    /// Publishes free space, if the map shows a floor, and the scene graph, of a plan that is new.
+    pub(crate) fn publish_places(
+        &self,
+        pipeline: &Pipeline,
+        (seen, places): (&SeenObjects, &MapPlaces),
+        stamp: Duration,
+        outlet: &mut dyn Outlet,
+    ) {
+        if let Ok(plan) = &places.plan {
+            if let Some(transform) = plan_transform(time(stamp), plan, self.world()) {
+                send(outlet, Output::MapFrame, to_cdr(&transform));
+            }
+            match occupancy_grid(time(stamp), plan, self.world()) {
+                Ok(message) => send(outlet, Output::Map, to_cdr(&message)),
+                Err(error) => tracing::warn!("{}: {error}", Output::Map.topic()),
+            }
+        }
+        let graph = pipeline.scene_graph(&objects(pipeline, seen, Some(places)));
+        match graph.to_json() {
+            Ok(data) => send(outlet, Output::SceneGraph, to_cdr(&TextMessage { data })),
+            Err(error) => tracing::warn!("{}: {error}", Output::SceneGraph.topic()),
+        }
     }
 
     /// Publishes the map as points.

@@ -2,6 +2,7 @@
 
 use crate::LiveError;
 use splatseg::Pipeline;
+use splatseg::pipeline::MapPlaces;
 use splatseg_objects::{ObjectList, SeenObjects};
 use splatseg_output::write_atomically;
 use std::io;
@@ -35,24 +36,27 @@ impl SavedMap {
         self.map.is_file() && self.objects().is_file()
     }
 
-    /// Saves a pipeline's map and objects.
+    /// Saves a pipeline's map and objects, with rooms and relations if `places` has them.
     ///
     /// # Errors
     /// If a file cannot be written, or the method has no map.
-    pub fn save(&self, pipeline: &Pipeline, seen: &SeenObjects) -> Result<(), LiveError> {
+    pub fn save(&self, pipeline: &Pipeline, seen: &SeenObjects, places: Option<&MapPlaces>) -> Result<(), LiveError> {
         if !pipeline.save_memory(&self.map)? {
             return Err(LiveError::NoMap(pipeline.method_name().to_owned()));
         }
         let path = self.objects();
         let failed = |source| LiveError::Objects { path: path.clone(), source };
-        let text = objects(pipeline, seen).to_json().map_err(|error| failed(error.into()))?;
+        let text = objects(pipeline, seen, places).to_json().map_err(|error| failed(error.into()))?;
         write_atomically(&path, text.as_bytes()).map_err(|error| failed(io::Error::other(error)))
     }
 }
 
-/// Returns the objects of a pipeline with their sightings.
-pub(crate) fn objects(pipeline: &Pipeline, seen: &SeenObjects) -> ObjectList {
+/// Returns the objects of a pipeline with their sightings, and with rooms and relations as of the latest plan.
+pub(crate) fn objects(pipeline: &Pipeline, seen: &SeenObjects, places: Option<&MapPlaces>) -> ObjectList {
     let mut list = pipeline.object_list();
     list.add_sightings(seen);
+    if let Some(places) = places {
+        places.add_to(&mut list);
+    }
     list
 }

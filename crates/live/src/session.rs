@@ -1,6 +1,7 @@
 //! The loop of a session: the newest frame, its result, what is due besides.
 
 use crate::latest_times::LatestTimes;
+use crate::places::LivePlaces;
 use crate::requests::PendingRequest;
 use crate::results::{Results, send};
 use crate::saved_map::objects;
@@ -22,6 +23,8 @@ use std::time::{Duration, Instant};
 /// Longest time without looking at requests and signals.
 const WAIT: Duration = Duration::from_millis(100);
 const SECOND: Duration = Duration::from_secs(1);
+/// Earlier stamps are not since 1970 but from a simulation or a device: objects were seen when the image was received.
+const EPOCH_TIMES: Duration = Duration::from_secs(1_000_000_000);
 
 /// How often a session publishes and saves.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,6 +33,8 @@ pub struct LiveOptions {
     pub objects_interval: Duration,
     /// Interval between messages with the map's points.
     pub points_interval: Duration,
+    /// Shortest interval between plans of the map: free space, rooms and relations.
+    pub plan_interval: Duration,
     /// Interval between states.
     pub status_interval: Duration,
     /// Where the map is saved, if it is.
@@ -51,6 +56,7 @@ impl Default for LiveOptions {
         Self {
             objects_interval: Duration::from_millis(500),
             points_interval: Duration::from_secs(2),
+            plan_interval: Duration::from_secs(5),
             status_interval: SECOND,
             saved_map: None,
             save_interval: Duration::from_secs(30),
@@ -91,6 +97,7 @@ pub struct LiveSession {
     options: LiveOptions,
     results: Results,
     seen: SeenObjects,
+    places: LivePlaces,
     /// With a lag: the frames whose results are not published yet.
     waiting: WaitingFrames<PublishedFrame>,
     /// When the latest frame came.
@@ -139,6 +146,7 @@ impl LiveSession {
         let pipeline = started(build(load)?);
         let requests = Requests::channel();
         outlet.accept(&requests.0);
+        let places = LivePlaces::new(options.plan_interval);
         let saving = options.saved_map.as_ref().map(|_| SaveStatus::default());
         Ok(Self {
             pipeline,
@@ -148,6 +156,7 @@ impl LiveSession {
             options,
             results: Results::default(),
             seen: SeenObjects::default(),
+            places,
             waiting: WaitingFrames::default(),
             latest_frame: now,
             has_new_names: false,
@@ -199,6 +208,7 @@ impl LiveSession {
             Ok(named) => self.has_new_names |= named > 0,
             Err(error) => tracing::warn!("the objects have no new names: {error}"),
         }
+        self.finish_places();
         let saved = if self.has_unsaved() || self.has_lost_files() { self.save() } else { Ok(()) };
         self.publish_all();
         match (ended, saved) {
@@ -238,6 +248,8 @@ impl LiveSession {
             }
         };
         let StreamedFrame { frame, world_from_camera, .. } = streamed;
+        let since_1970 = frame.timestamp().filter(|stamp| *stamp >= EPOCH_TIMES);
+        self.pipeline.set_seen_at(since_1970.unwrap_or(received));
         let place = PublishedFrame {
             stamp: frame.timestamp().unwrap_or(received),
             file_stamp: FrameStamp {
@@ -352,6 +364,7 @@ impl LiveSession {
             self.due.points = Instant::now();
             self.results.publish_points(&self.pipeline, self.latest_stamp, self.outlet.as_mut());
         }
+        self.step_places();
         if passed(self.due.status, self.options.status_interval) {
             self.show_status();
         }
@@ -371,11 +384,42 @@ impl LiveSession {
 
     fn publish_objects(&mut self) {
         self.due.objects = Instant::now();
-        self.results.publish_objects(&self.pipeline, &self.seen, self.latest_stamp, self.outlet.as_mut());
+        let known = (&self.seen, self.places.latest());
+        self.results.publish_objects(&self.pipeline, known, self.latest_stamp, self.outlet.as_mut());
+    }
+
+    /// True if somebody gets the plan of the map: on a topic, on the page, or with the saved objects.
+    fn wants_places(&self) -> bool {
+        let is_wanted = [Output::Map, Output::SceneGraph].into_iter().any(|output| self.outlet.wants(output));
+        is_wanted || self.outlet.is_watched() || self.options.saved_map.is_some()
+    }
+
+    /// Begins a plan of the map if one is due, and publishes one that has been made since. A recording that is played
+    /// without drops gives the same results whatever the time that they take, so that its plan is made at the end.
+    fn step_places(&mut self) {
+        let is_wanted = !self.stream.is_played() && self.wants_places();
+        if self.places.step(&mut self.pipeline, is_wanted) {
+            self.publish_places();
+        }
+    }
+
+    /// Makes the plan of the map at the end of the frames.
+    fn finish_places(&mut self) {
+        if self.status.frames > 0 && self.wants_places() && self.places.finish(&mut self.pipeline) {
+            self.publish_places();
+        }
+    }
+
+    fn publish_places(&mut self) {
+        if let Some(places) = self.places.latest() {
+            let known = (&self.seen, places);
+            self.results.publish_places(&self.pipeline, known, self.latest_stamp, self.outlet.as_mut());
+        }
     }
 
     fn show_status(&mut self) {
         self.due.status = Instant::now();
+        self.status.places = self.places.summary().map(str::to_owned);
         self.status.rate_hz = self.times.since(SECOND) as f32;
         self.status.counts = self.stream.counts();
         self.status.gaussians = self.pipeline.map().map_or(0, |map| map.gaussian_count());
@@ -401,7 +445,7 @@ impl LiveSession {
 
     fn save(&mut self) -> Result<(), LiveError> {
         let files = self.options.saved_map.as_ref().ok_or(LiveError::NoFile)?;
-        let saved = files.save(&self.pipeline, &self.seen);
+        let saved = files.save(&self.pipeline, &self.seen, self.places.latest());
         // From the end of it: a slow disk must not take all of the time.
         self.due.saved = Instant::now();
         let status = self.status.saving.get_or_insert_default();
@@ -460,13 +504,14 @@ impl LiveSession {
         self.pipeline = started((self.build)(path)?);
         self.status.doubts.clear();
         self.seen = SeenObjects::default();
+        self.places.forget();
         self.waiting = WaitingFrames::default();
         Ok(())
     }
 
     /// Returns the objects so far, as in `objects.json`.
     pub fn objects(&self) -> ObjectList {
-        objects(&self.pipeline, &self.seen)
+        objects(&self.pipeline, &self.seen, self.places.latest())
     }
 
     /// Returns what is needed to find objects by words, on another thread: comparing them with a text takes longer than a

@@ -39,6 +39,8 @@ pub struct LiveStatus {
     pub objects: usize,
     /// Gaussians of the map.
     pub gaussians: usize,
+    /// What the latest plan of the map shows, or why there is none; `None` before the first.
+    pub places: Option<String>,
     /// State of the latest pose; `None` before the first frame.
     pub pose: Option<PoseState>,
     /// Counts of messages, by use or reason for dropping.
@@ -97,7 +99,8 @@ impl LiveStatus {
             .saving
             .as_ref()
             .map(|saving| ("frames in the saved map", saving.saved_frames.unwrap_or(0).to_string()));
-        let values = values.into_iter().chain(saved);
+        let places = self.places.as_ref().map(|places| ("plan", places.clone()));
+        let values = values.into_iter().chain(saved).chain(places);
         let values = values.map(|(key, value)| KeyValue { key: key.to_owned(), value }).collect();
         let name = "splatseg".to_owned();
         let status = DiagnosticStatus { level, name, message, hardware_id: String::new(), values };

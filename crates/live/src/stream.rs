@@ -153,6 +153,11 @@ impl LiveStream {
         if self.clock == Clock::System { Self::now().saturating_sub(received) } else { Duration::ZERO }
     }
 
+    /// Returns true if a recording is played without drops: the times of its messages are the clock.
+    pub fn is_played(&self) -> bool {
+        self.clock == Clock::Messages
+    }
+
     /// Returns true if the stream has ended.
     pub fn is_over(&self) -> bool {
         self.lock().is_over

@@ -4,7 +4,10 @@ use crate::{LiveFrame, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet,
 use splatseg_geometry::Image as Pixels;
 use splatseg_objects::ObjectList;
 use splatseg_odometry::PoseState;
-use splatseg_ros::{CompressedImage, Detection3dArray, DiagnosticArray, Image, MarkerArray, PointCloud2, TfMessage};
+use splatseg_ros::{
+    CompressedImage, Detection3dArray, DiagnosticArray, Image, MarkerArray, OccupancyGrid, PointCloud2, TextMessage,
+    TfMessage,
+};
 use splatseg_view::{
     Channel, ChannelId, ViewAnswer, ViewError, ViewFrame, ViewObject, ViewOptions, ViewRequest, ViewServer, ViewStatus,
 };
@@ -52,7 +55,9 @@ fn channel(output: Output) -> Channel {
         Output::Ids => Channel::of::<Image<'_>>(&topic),
         Output::Overlay => Channel::of::<CompressedImage<'_>>(&topic),
         Output::Points => Channel::of::<PointCloud2<'_>>(&topic),
-        Output::Transform => Channel::of::<TfMessage>(&topic),
+        Output::Map => Channel::of::<OccupancyGrid>(&topic),
+        Output::SceneGraph => Channel::of::<TextMessage>(&topic),
+        Output::Transform | Output::MapFrame => Channel::of::<TfMessage>(&topic),
         Output::Diagnostics => Channel::of::<DiagnosticArray>(&topic),
     };
     if output.is_latched() { channel.latched() } else { channel }

@@ -106,8 +106,9 @@ struct Publishers {
 
 impl Publishers {
     fn run(mut self, shared: &Shared) {
-        // Others transform the camera's pose only if it is tracked.
-        for output in Output::ALL.into_iter().filter(|output| *output != Output::Transform) {
+        // Transforms are published by others, too, and by this node only if it has some.
+        let is_shared = |output: &Output| matches!(output, Output::Transform | Output::MapFrame);
+        for output in Output::ALL.into_iter().filter(|output| !is_shared(output)) {
             self.writer(output);
         }
         loop {
@@ -128,7 +129,7 @@ impl Publishers {
                 break;
             }
         }
-        for output in [Output::Objects, Output::Markers] {
+        for output in [Output::Objects, Output::Markers, Output::Map, Output::SceneGraph] {
             if let Some(writer) = self.writers.get(&output) {
                 let _ = writer.wait_for_acknowledgments(LAST_MESSAGES);
             }

@@ -10,7 +10,9 @@ use splatseg::Pipeline;
 use splatseg::settings::SettingsLayers;
 use splatseg_dataset::{DatasetSettings, MatchLimits, read_messages};
 use splatseg_live::{BuildPipeline, LiveOptions, LiveSession, LiveStream, Outlet, SavedMap, Silent};
-use splatseg_ros::{Detection3dArray, EmptyRequest, Image, SetBoolRequest, SuccessResponse, from_cdr, to_cdr};
+use splatseg_ros::{
+    Detection3dArray, EmptyRequest, Image, OccupancyGrid, SetBoolRequest, SuccessResponse, from_cdr, to_cdr,
+};
 use std::collections::BTreeMap;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
@@ -44,6 +46,7 @@ fn session(stream: &Arc<LiveStream>, outlet: Box<dyn Outlet>, map: Option<PathBu
     let options = LiveOptions {
         saved_map: map.map(SavedMap::new),
         objects_interval: Duration::from_millis(100),
+        plan_interval: Duration::from_millis(100),
         ..LiveOptions::default()
     };
     LiveSession::new(build, None, (Arc::clone(stream), outlet), options).unwrap()
@@ -155,8 +158,8 @@ fn while_running(domain: Domain, stream: &Arc<LiveStream>, map: Option<PathBuf>,
     });
 }
 
-/// The objects of a session that is fed with the recording directly.
-fn expected_objects() -> Detection3dArray {
+/// The objects of a session that is fed with the recording directly, and the cells of its map's plan.
+fn expected() -> (Detection3dArray, Vec<i8>) {
     let stream = stream(100);
     let mut session = session(&stream, Box::new(Silent), None);
     read_messages(&recording(), &mut |message| {
@@ -166,7 +169,8 @@ fn expected_objects() -> Detection3dArray {
     .unwrap();
     stream.end();
     session.run(&mut || false).unwrap();
-    session.detections(|_| true)
+    let plan = session.pipeline_mut().floor_plan(Default::default()).unwrap();
+    (session.detections(|_| true), plan.grid().ros_values())
 }
 
 #[test]
@@ -197,12 +201,22 @@ fn topics_give_the_objects_of_their_recording_and_services_answer() {
             stamps.extend(taken(&ids).iter().map(|message| from_cdr::<Image<'_>>(message).unwrap().header.stamp));
             stream.counts().frames == 4 && !stamps.is_empty()
         });
-        let expected = expected_objects();
+        let (expected, cells) = expected();
         assert!(expected.detections.len() > 5);
         wait("all objects", || {
             taken(&objects)
                 .last()
                 .is_some_and(|message| from_cdr::<Detection3dArray>(message).unwrap().detections == expected.detections)
+        });
+
+        // Whoever subscribes later gets the map that was made for nobody, since the saved objects have rooms.
+        let maps = peer.endpoints.reader("/splatseg/map", "nav_msgs/msg/OccupancyGrid", latched).unwrap();
+        assert!(cells.contains(&0) && cells.contains(&100), "free and occupied");
+        wait("the map", || {
+            taken(&maps).last().is_some_and(|message| {
+                let grid: OccupancyGrid = from_cdr(message).unwrap();
+                grid.header.frame_id == "map" && grid.data == cells
+            })
         });
 
         let trigger = || to_cdr(&EmptyRequest::default()).unwrap();

@@ -29,7 +29,8 @@ class Output:
 
 
 OUTPUTS = {output[0]: Output(*output) for output in _splatseg.Live.outputs()}
-"""``objects``, ``markers``, ``ids``, ``overlay``, ``points``, ``transform`` and ``diagnostics``."""
+"""``objects``, ``markers``, ``ids``, ``overlay``, ``points``, ``map``, ``map_frame``, ``scene_graph``, ``transform`` and
+``diagnostics``."""
 
 
 class Live:

@@ -1,13 +1,17 @@
 //! A session on the messages of a small recording: what it publishes, saves and answers.
 
+use splatseg::pipeline::NamedMap;
 use splatseg::settings::SettingsLayers;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{DatasetSettings, MatchLimits, read_messages};
 use splatseg_live::{
     BuildPipeline, LiveOptions, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, SavedMap,
 };
-use splatseg_objects::ObjectList;
-use splatseg_ros::{Detection3dArray, DiagnosticArray, Image, MarkerArray, PointCloud2, from_cdr};
+use splatseg_objects::{ObjectList, SceneGraph};
+use splatseg_places::PlanSettings;
+use splatseg_ros::{
+    Detection3dArray, DiagnosticArray, Image, MarkerArray, OccupancyGrid, PointCloud2, TextMessage, from_cdr,
+};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -110,6 +114,8 @@ fn messages_agree_with_the_saved_objects() {
     let points: PointCloud2<'_> = from_cdr(latest(Output::Points)).unwrap();
     assert_eq!(points.width as usize, setting.session.pipeline().memory().unwrap().gaussian_count());
 
+    check_places(&saved, &list, (latest(Output::Map), latest(Output::SceneGraph)));
+
     let ids: Vec<_> = published.iter().filter(|(output, _)| *output == Output::Ids).collect();
     assert_eq!(ids.len(), 4);
     for (_, message) in ids {
@@ -121,6 +127,32 @@ fn messages_agree_with_the_saved_objects() {
     let diagnostics: DiagnosticArray = from_cdr(latest(Output::Diagnostics)).unwrap();
     assert_eq!(diagnostics.status[0].message, "running");
     assert_eq!(setting.shown.lock().unwrap().last().unwrap().counts.frames, 4);
+}
+
+/// Asserts that free space and scene graph are those of the saved map.
+fn check_places(saved: &SavedMap, list: &ObjectList, (grid, graph): (&[u8], &[u8])) {
+    let map = NamedMap::load(saved.map()).unwrap();
+    let plan = map.floor_plan(PlanSettings::default()).unwrap();
+    let grid: OccupancyGrid = from_cdr(grid).unwrap();
+    assert_eq!((grid.data, grid.info.width as usize), (plan.grid().ros_values(), plan.grid().shape.width));
+    assert_eq!(grid.header.frame_id, "map");
+    assert_eq!((grid.info.origin.position.x, grid.info.origin.position.y), plan.grid().shape.origin.into());
+    let graph: SceneGraph = serde_json::from_str(&from_cdr::<TextMessage>(graph).unwrap().data).unwrap();
+    let of_map = map.scene_graph().unwrap();
+    assert_eq!((&graph.rooms, &graph.relations), (&of_map.rooms, &of_map.relations));
+    assert_eq!(list.rooms.len(), plan.rooms().len());
+    assert!(!list.rooms.is_empty() && list.objects.iter().any(|object| object.room.is_some()));
+    // When objects were seen, in the list, in the map and in the graph.
+    let of_map_list = map.object_list();
+    for object in &list.objects {
+        let (first, last) = (object.first_seen_s.unwrap(), object.last_seen_s.unwrap());
+        assert_eq!(Some(first), object.first_frame.as_ref().unwrap().time_s);
+        assert_eq!(Some(last), object.last_frame.as_ref().unwrap().time_s);
+        let saved = of_map_list.get(object.id).unwrap();
+        assert_eq!((saved.first_seen_s, saved.last_seen_s), (Some(first), Some(last)));
+        let in_graph = graph.objects.iter().find(|one| one.id == object.id).unwrap();
+        assert_eq!((in_graph.last_seen.time_s, in_graph.room), (Some(last), object.room));
+    }
 }
 
 #[test]

@@ -1,0 +1,83 @@
+//! The plan of a session's map: made beside the frames, and kept until there is a newer one.
+
+use splatseg::Pipeline;
+use splatseg::pipeline::{MapPlaces, PlanBeside};
+use splatseg_odometry::PoseSourceError;
+use splatseg_places::{Cell, PlanSettings};
+use std::time::Duration;
+
+/// The latest plan, and what makes the next one.
+pub(crate) struct LivePlaces {
+    interval: Duration,
+    /// `None` until the first plan is wanted.
+    beside: Option<PlanBeside>,
+    latest: Option<MapPlaces>,
+    /// What the latest plan shows, or why there is none.
+    summary: Option<String>,
+}
+
+impl LivePlaces {
+    /// No plan. Plans will be begun at least `interval` apart.
+    pub(crate) fn new(interval: Duration) -> Self {
+        Self { interval, beside: None, latest: None, summary: None }
+    }
+
+    /// The latest plan, with relations.
+    pub(crate) fn latest(&self) -> Option<&MapPlaces> {
+        self.latest.as_ref()
+    }
+
+    /// What the latest plan shows, or why there is none; `None` before the first.
+    pub(crate) fn summary(&self) -> Option<&str> {
+        self.summary.as_deref()
+    }
+
+    /// Takes a finished plan and begins the next one, if it is time and `is_wanted`. Returns true if there is a new plan.
+    pub(crate) fn step(&mut self, pipeline: &mut Pipeline, is_wanted: bool) -> bool {
+        if !is_wanted && self.beside.is_none() {
+            return false;
+        }
+        let made = self.beside().and_then(|beside| beside.step(pipeline, is_wanted));
+        made.is_some_and(|made| self.take(made))
+    }
+
+    /// Makes the plan of the map as it is at the end. Returns true if it is a new one.
+    pub(crate) fn finish(&mut self, pipeline: &mut Pipeline) -> bool {
+        let made = self.beside().and_then(|beside| beside.last(pipeline));
+        made.is_some_and(|made| self.take(made))
+    }
+
+    /// Forgets the plans of a map that was replaced.
+    pub(crate) fn forget(&mut self) {
+        *self = Self::new(self.interval);
+    }
+
+    fn beside(&mut self) -> Option<&mut PlanBeside> {
+        if self.beside.is_none() {
+            match PlanBeside::start(PlanSettings::default(), self.interval) {
+                Ok(beside) => self.beside = Some(beside),
+                Err(error) => self.summary = Some(format!("no thread can make the plan: {error}")),
+            }
+        }
+        self.beside.as_mut()
+    }
+
+    fn take(&mut self, made: Result<MapPlaces, PoseSourceError>) -> bool {
+        self.latest = match made {
+            Ok(places) => {
+                self.summary = Some(match &places.plan {
+                    Ok(plan) => {
+                        format!("{:.1} m² free, rooms: {}", plan.grid().area(Cell::Free), plan.rooms().len())
+                    }
+                    Err(error) => error.to_string(),
+                });
+                Some(places)
+            }
+            Err(error) => {
+                self.summary = Some(error.to_string());
+                None
+            }
+        };
+        self.latest.is_some()
+    }
+}
