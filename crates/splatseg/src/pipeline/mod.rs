@@ -30,7 +30,7 @@ pub use frames::{Frames, Processed};
 pub use late::{LateFrame, WaitingFrames};
 pub use map_places::MapPlanError;
 pub use named_map::{NamedMap, depth_views};
-pub use predicted_depth::{DepthAgain, PredictedDepthUse};
+pub use predicted_depth::{DepthAgain, MapScale, PredictedDepthUse};
 pub use rotate::Rotate;
 pub use stage_times::StageTimes;
 pub use steps::Pipeline;
