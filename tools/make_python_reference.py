@@ -21,6 +21,7 @@ SECTIONS = {
     "Objects of a video": ["Objects", "Object", "Shape", "BestView", "FrameStamp", "FoundObject"],
     "Scenes": ["open_scene", "Scene", "Frame"],
     "Segmenters": ["Segmenter", "Affinity", "Graph", "FastSam"],
+    "Predicted depth": ["depth", "Depth"],
     "Scene graph": ["load_scene_graph", "SceneGraph", "SceneObject", "SceneRoom", "LastSeen", "Relation"],
     "The map": ["Memory", "merge", "read_state"],
     "Scores": ["evaluate", "Scores"],

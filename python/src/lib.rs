@@ -5,6 +5,7 @@
 
 mod arrays;
 mod command;
+mod depth;
 mod errors;
 mod evaluation;
 mod live;
@@ -24,6 +25,8 @@ use pyo3::prelude::*;
 mod _splatseg {
     #[pymodule_export]
     use super::command::run_command;
+    #[pymodule_export]
+    use super::depth::Depth;
     #[pymodule_export]
     use super::evaluation::evaluate;
     #[pymodule_export]

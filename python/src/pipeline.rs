@@ -3,6 +3,7 @@
 use crate::arrays::{
     color_image, depth_image, id_image, numbers, to_array, to_color_array, to_masks, to_plain_array, to_rows,
 };
+use crate::depth::PythonDepthPredictor;
 use crate::errors::{runtime_error, value_error};
 use crate::names::Names;
 use crate::segmenter::{PythonSegmenter, SharedCallable};
@@ -17,7 +18,7 @@ use splatseg::geometry::{MapView, PoseFormat};
 use splatseg::names::{ClipNames, Query, find_objects};
 use splatseg::objects::{FrameStamp, ObjectName, SeenObjects};
 use splatseg::odometry::PoseState;
-use splatseg::pipeline::{FrameResult, NameObjectsError, ObjectToName, PipelineError};
+use splatseg::pipeline::{FrameResult, NameObjectsError, ObjectToName, PipelineError, PredictedDepthUse};
 use splatseg::settings::SettingsLayers;
 use splatseg::tracking::{Hindsight, ShownFrame};
 use splatseg::{CameraFrame, Intrinsics, Mask, Pose, SegmentId};
@@ -37,6 +38,8 @@ pub struct Pipeline {
     settings: String,
     /// The segmenter, if it is a callable of Python.
     segmenter: Option<SharedCallable>,
+    /// The depth predictor, if it is a callable of Python.
+    depth_predictor: Option<SharedCallable>,
     /// How the poses passed to `step` are stated.
     pose_format: PoseFormat,
 }
@@ -69,7 +72,7 @@ type Step = (
 #[pymethods]
 impl Pipeline {
     #[new]
-    #[pyo3(signature = (settings, segmenter=None, config=None, saved_memory=None, keep_views=false))]
+    #[pyo3(signature = (settings, segmenter=None, config=None, saved_memory=None, keep_views=false, depth_predictor=None, predicted_depth=None))]
     fn new(
         py: Python<'_>,
         settings: &Bound<'_, PyDict>,
@@ -77,6 +80,8 @@ impl Pipeline {
         config: Option<PathBuf>,
         saved_memory: Option<PathBuf>,
         keep_views: bool,
+        depth_predictor: Option<Py<PyAny>>,
+        predicted_depth: Option<&str>,
     ) -> PyResult<Self> {
         let mut all = SettingsLayers::default();
         if let Some(path) = &config {
@@ -95,10 +100,19 @@ impl Pipeline {
             count => Some(rayon::ThreadPoolBuilder::new().num_threads(count).build().map_err(runtime_error)?),
         };
         let segmenter = segmenter.map(SharedCallable::new);
+        let depth_predictor = depth_predictor.map(SharedCallable::new);
+        let used = match predicted_depth {
+            None | Some("holes") => PredictedDepthUse::Holes,
+            Some("all") => PredictedDepthUse::All,
+            Some(other) => return Err(value_error(format!("predicted_depth is {other:?}, expected holes or all"))),
+        };
         let build = || {
             let mut builder = splatseg::Pipeline::builder(&settings);
             if let Some(callable) = &segmenter {
                 builder = builder.segmenter(Box::new(PythonSegmenter::new(callable.clone())));
+            }
+            if let Some(callable) = &depth_predictor {
+                builder = builder.depth_predictor(Box::new(PythonDepthPredictor(callable.clone())), used);
             }
             if let Some(path) = &saved_memory {
                 builder = builder.saved_memory(path);
@@ -113,16 +127,16 @@ impl Pipeline {
         let pose_format = settings.dataset.pose_format();
         let settings = serde_json::to_string(&settings).map_err(runtime_error)?;
         let state = Mutex::new(State { pipeline, network: None, seen: SeenObjects::default(), frames: 0 });
-        Ok(Self { state, threads, settings, segmenter, pose_format })
+        Ok(Self { state, threads, settings, segmenter, depth_predictor, pose_format })
     }
 
     /// Shows Python's garbage collector what the pipeline refers to: a segmenter may refer to its pipeline.
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
-        self.segmenter.as_ref().map_or(Ok(()), |segmenter| segmenter.traverse(&visit))
+        self.segmenter.iter().chain(&self.depth_predictor).try_for_each(|callable| callable.traverse(&visit))
     }
 
     fn __clear__(&self) {
-        self.segmenter.iter().for_each(SharedCallable::clear);
+        self.segmenter.iter().chain(&self.depth_predictor).for_each(SharedCallable::clear);
     }
 
     /// The settings as JSON.

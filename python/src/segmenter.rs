@@ -39,10 +39,10 @@ impl SharedCallable {
         drop(callable);
     }
 
-    fn get(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
+    pub fn get(&self, py: Python<'_>) -> PyResult<Py<PyAny>> {
         let callable = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let callable = callable.as_ref().map(|callable| callable.clone_ref(py));
-        callable.ok_or_else(|| PyRuntimeError::new_err("the segmenter was freed"))
+        callable.ok_or_else(|| PyRuntimeError::new_err("the function was freed"))
     }
 }
 

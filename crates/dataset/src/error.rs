@@ -50,13 +50,13 @@ pub enum DatasetError {
         /// The input to use instead.
         expected: String,
     },
-    /// The path is a video of colour alone.
+    /// The path is a video or a folder of images of colour alone.
     #[error(
-        "{}: a video without depth, and depth is needed: give the recording that has both (formats: docs/FORMATS.md), or the \
-         video's frames and a depth image for each as a folder (docs/FOLDER_FORMAT.md)",
+        "{}: colour without depth, and depth is needed: predict it (--depth-weights FILE, docs/PREDICTED_DEPTH.md), or give a \
+         recording that has both (docs/FORMATS.md)",
         path.display()
     )]
-    PlainVideo {
+    NoDepth {
         /// The given path.
         path: PathBuf,
     },

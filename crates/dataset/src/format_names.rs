@@ -43,6 +43,10 @@ choices! {
         Stray = "stray",
         /// An ARKitScenes video, raw or of the 3DOD subset.
         ArkitScenes = "arkitscenes",
+        /// A video without depth (needs `ffmpeg` and a depth predictor).
+        Video = "video",
+        /// A folder of images without depth (needs a depth predictor).
+        Images = "images",
         /// The built-in synthetic room.
         Synthetic = "synthetic",
     }
@@ -57,6 +61,11 @@ impl Format {
     /// Returns true if its scenes may have depth that is not registered to colour.
     pub const fn registers_depth(self) -> bool {
         self.has_topics() || matches!(self, Self::SevenScenes)
+    }
+
+    /// Returns false if its scenes have no depth, so that it must be predicted.
+    pub const fn has_depth(self) -> bool {
+        !matches!(self, Self::Video | Self::Images)
     }
 
     /// Lists the formats with a property, for messages: `7scenes, mcap and bag`.
@@ -99,7 +108,7 @@ mod tests {
             assert_eq!(serde_json::to_string(&format).unwrap(), format!("\"{format}\""));
         }
         let error = "kitti".parse::<Format>().unwrap_err();
-        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, db3, bag, mkv, r3d, nerfstudio, polycam, stray, arkitscenes, synthetic";
+        let names = "auto, 7scenes, scannet, sens, tum, replica, mvpd, folder, mcap, db3, bag, mkv, r3d, nerfstudio, polycam, stray, arkitscenes, video, images, synthetic";
         assert_eq!(error.to_string(), format!("format: found \"kitti\", expected one of {names}"));
     }
 }

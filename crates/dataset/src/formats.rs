@@ -9,7 +9,9 @@ use crate::synthetic::{self, SyntheticScene};
 use crate::unread_files::file_error;
 use crate::{DatasetError, DatasetSettings, DepthRegistration, Format, Scene};
 use crate::{FolderScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
-use crate::{arkitscenes, mvpd, nerfstudio, plain_folder, polycam, r3d, replica, scannet, sevenscenes, stray, tum};
+use crate::{
+    arkitscenes, mvpd, nerfstudio, plain_folder, polycam, r3d, replica, scannet, sevenscenes, stray, tum, video,
+};
 use splatseg_settings::SettingError;
 use std::path::Path;
 use std::sync::Arc;
@@ -166,6 +168,22 @@ const FORMATS: &[FormatEntry] = &[
         open: |path, settings| Ok(Arc::new(arkitscenes::open(path, settings)?)),
     },
     FormatEntry {
+        format: Format::Video,
+        layout: video::LAYOUT,
+        parts: |_| Vec::new(),
+        looks_like: video::looks_like,
+        is_whole: |_| true,
+        open: |path, settings| Ok(Arc::new(video::open(path, settings)?)),
+    },
+    FormatEntry {
+        format: Format::Images,
+        layout: plain_folder::IMAGES_LAYOUT,
+        parts: |_| Vec::new(),
+        looks_like: plain_folder::looks_like_images,
+        is_whole: |_| true,
+        open: |path, settings| Ok(Arc::new(FolderScene::of_images(path, settings)?)),
+    },
+    FormatEntry {
         format: Format::Synthetic,
         layout: synthetic::LAYOUT,
         parts: |_| Vec::new(),
@@ -219,7 +237,18 @@ pub fn open_scene(path: impl AsRef<Path>, settings: &DatasetSettings) -> Result<
 fn detected(path: &Path) -> Option<&'static FormatEntry> {
     let fits = |entry: &&FormatEntry| (entry.looks_like)(path);
     let whole = FORMATS.iter().find(|entry| fits(entry) && (entry.is_whole)(path));
-    whole.or_else(|| FORMATS.iter().find(fits))
+    let found = whole.or_else(|| FORMATS.iter().find(fits))?;
+    // Images may be those of a scene that lacks a part.
+    (found.format != Format::Images || best_fit(path).is_none()).then_some(found)
+}
+
+/// Returns false for a path whose format has no depth, so that it must be predicted. Reads no frame, and extracts none.
+pub fn has_depth(path: &Path, settings: &DatasetSettings) -> bool {
+    let format = match settings.format {
+        Format::Auto => detected(path).map(|entry| entry.format),
+        format => Some(format),
+    };
+    format.is_none_or(Format::has_depth)
 }
 
 /// Returns the missing-parts error of the best matching format, if at least half of its parts are present.

@@ -30,6 +30,12 @@ impl FrameChecks {
         Self { framing, original_size: None, original_intrinsics: None, depth_unit, plausibility }
     }
 
+    /// Does not warn that there is no depth.
+    pub(crate) fn without_depth(mut self) -> Self {
+        self.plausibility = Plausibility::without_depth();
+        self
+    }
+
     /// Returns the size `(width, height)` of the next frame. `source` is the name of its scene.
     ///
     /// # Errors

@@ -33,6 +33,17 @@ impl OwnCamera {
         }
     }
 
+    /// Told of a scene whose camera is guessed.
+    pub(crate) const GUESS_TOLD: &str =
+        "camera: not known, guessed to see 60 degrees across the long side (give the focal length in pixels with --fx)";
+
+    /// Returns a guess of the camera of images of `size`: 60 degrees across the long side, between telephones (65) and
+    /// webcams (55).
+    pub(crate) fn guess((width, height): (usize, usize)) -> Self {
+        let focal = 0.5 * width.max(height) as f64 / 30.0f64.to_radians().tan();
+        Self { focal: (focal, focal), center: (None, None) }
+    }
+
     /// Returns the intrinsics of colour images of `size`, `(width, height)`.
     pub(crate) fn intrinsics(&self, (width, height): (usize, usize)) -> Intrinsics {
         let middle = |side: usize| (side as f64 - 1.0) / 2.0;

@@ -41,6 +41,11 @@ pub(crate) struct Plausibility {
 }
 
 impl Plausibility {
+    /// Checks of frames that have no depth.
+    pub(crate) fn without_depth() -> Self {
+        Self { warned_of_depth: true, ..Self::default() }
+    }
+
     /// Checks the next frame, as read, and warns about unlikely values. `place` names the file of a part of it.
     ///
     /// # Errors

@@ -86,6 +86,10 @@ impl Scene for ConvertedPoses {
         self.scene.has_poses()
     }
 
+    fn has_depth(&self) -> bool {
+        self.scene.has_depth()
+    }
+
     fn without_pose(&self) -> &[LeftOut] {
         self.scene.without_pose()
     }

@@ -49,6 +49,11 @@ pub trait Scene: Debug + Send + Sync {
         true
     }
 
+    /// Returns false if no frame has depth, so that it must be predicted. Reads no frame.
+    fn has_depth(&self) -> bool {
+        true
+    }
+
     /// Returns the direction that is up in the world of the scene's poses, a unit vector, if the format defines it: phones
     /// measure gravity. Reads no frame.
     fn world_up(&self) -> Option<DVec3> {

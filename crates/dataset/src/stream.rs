@@ -194,9 +194,10 @@ struct ReadingJob {
 
 impl ReadingJob {
     fn new(scene: &Arc<dyn Scene>, framing: Framing, ground_truth: GroundTruth) -> Self {
+        let checks = FrameChecks::new(framing);
         Self {
             scene: Arc::clone(scene),
-            checks: FrameChecks::new(framing),
+            checks: if scene.has_depth() { checks } else { checks.without_depth() },
             ground_truth,
             selected: Vec::new(),
             unknown_from: 0,

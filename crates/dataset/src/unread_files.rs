@@ -1,4 +1,4 @@
-//! Files that are not read, told by their first bytes or name: videos, recordings of other programs, and the rest.
+//! Files that are not read, told by their first bytes or name: recordings of other programs, and the rest.
 
 use crate::DatasetError;
 use crate::files::open_file;
@@ -33,7 +33,7 @@ pub(crate) fn file_error(path: &Path) -> Option<DatasetError> {
     if !path.is_file() || open_file(path).ok()?.take(HEAD_BYTES).read_to_end(&mut head).is_err() {
         return None;
     }
-    Some(video_error(path, &head).unwrap_or_else(|| unknown_file(path, &head)))
+    Some(unknown_file(path, &head))
 }
 
 /// The error for a file of an unknown kind.
@@ -51,12 +51,4 @@ fn unknown_file(path: &Path, head: &[u8]) -> DatasetError {
         }
     };
     DatasetError::UnknownFile { path: path.to_owned(), found, expected }
-}
-
-/// Returns the error for a video in a usual container: MP4 and QuickTime, Matroska and WebM, or AVI; `None` for other files.
-fn video_error(path: &Path, head: &[u8]) -> Option<DatasetError> {
-    let is_mp4 = head.get(4..8) == Some(b"ftyp");
-    let is_matroska = head.starts_with(&[0x1A, 0x45, 0xDF, 0xA3]);
-    let is_avi = head.starts_with(b"RIFF") && head.get(8..12) == Some(b"AVI ");
-    (is_mp4 || is_matroska || is_avi).then(|| DatasetError::PlainVideo { path: path.to_owned() })
 }

@@ -50,6 +50,11 @@ pub trait DepthPredictor: Send {
     /// # Errors
     /// [`DepthPredictorError`] if the frame's depth cannot be predicted.
     fn predict(&mut self, frame: &CameraFrame<'_>) -> Result<PredictedDepth, DepthPredictorError>;
+
+    /// False if the unit of its depth is not known to be the metre.
+    fn knows_scale(&self) -> bool {
+        true
+    }
 }
 
 impl PredictedDepth {

@@ -35,7 +35,7 @@ pub fn missing_tensors(checkpoint: &Checkpoint) -> Option<Vec<Missing>> {
             }
         }
         // Loading one says what it lacks.
-        Architecture::Clip { .. } | Architecture::Unknown => false,
+        Architecture::Clip { .. } | Architecture::DepthAnything { .. } | Architecture::Unknown => false,
     };
     let missing = audit.missing.into_inner();
     (built || !missing.is_empty()).then_some(missing)

@@ -4,6 +4,7 @@
 //!   segmenter; the method FastSPAM uses its masks at points.
 //! - [`sam2`]: SAM 2.1, EdgeTAM and EfficientTAM, which follow prompted objects through a video.
 //! - [`clip`]: images and texts become vectors that can be compared, for names of objects; on the CPU, without Burn.
+//! - [`depth_anything`]: depth of an image; on the CPU, without Burn.
 //! - [`checkpoint`]: their files, parsed and never executed.
 //!
 //! Burn holds the tensors and runs the cheap layers. On the CPU, the expensive ones are loops of `splatseg-kernels`; on
@@ -19,6 +20,7 @@ pub mod clip;
 pub mod completeness;
 #[cfg(feature = "networks")]
 pub mod convolution;
+pub mod depth_anything;
 pub mod device;
 #[cfg(feature = "networks")]
 pub mod fastsam;
@@ -26,6 +28,7 @@ pub mod fastsam;
 pub mod sam2;
 #[cfg(feature = "networks")]
 pub mod transfer;
+mod transformer;
 #[cfg(not(feature = "networks"))]
 mod without_networks;
 

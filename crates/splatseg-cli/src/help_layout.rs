@@ -63,6 +63,8 @@ const GROUPS: [(&str, &[&str]); 6] = [
             "prompts",
             "names",
             "vocabulary",
+            "depth_weights",
+            "predicted_depth",
         ],
     ),
     ("Settings", &["config", "set", "seed"]),

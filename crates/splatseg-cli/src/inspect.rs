@@ -14,6 +14,7 @@ use splatseg_dataset::RecordingScene;
 use splatseg_models::checkpoint::{Architecture, Checkpoint, CheckpointError, Dtype, Format, printable};
 use splatseg_models::clip::ClipNetwork;
 use splatseg_models::completeness::missing_tensors;
+use splatseg_models::depth_anything::{DepthAnythingNetwork, DepthOutput};
 use splatseg_models::device::{DeviceError, HAS_NETWORKS};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -201,6 +202,29 @@ fn print_clip(checkpoint: &Checkpoint) {
     }
 }
 
+/// The sizes of a Depth Anything network, or what is wrong with it.
+fn print_depth_anything(checkpoint: &Checkpoint) {
+    match DepthAnythingNetwork::load(checkpoint, None) {
+        Ok(network) => {
+            let config = network.config();
+            say!(
+                "encoder        {} blocks of width {}, patches of {} pixels",
+                config.encoder.blocks,
+                config.encoder.width,
+                config.patch
+            );
+            let output = match config.output {
+                DepthOutput::Relative => "inverse depth without a scale".to_owned(),
+                DepthOutput::Metric { max_depth } => format!("metres, up to {max_depth}"),
+            };
+            say!("returns        {output}");
+            config.assumed.iter().for_each(|assumed| say!("assumed        {assumed}"));
+            say!("missing        nothing: --depth-weights reads it");
+        }
+        Err(error) => say!("missing        {error}"),
+    }
+}
+
 /// Maximum number of names listed without `--tensors`.
 const LISTED: usize = 10;
 
@@ -208,10 +232,13 @@ fn print_missing(checkpoint: &Checkpoint, all: bool) {
     if let Architecture::Clip { .. } = checkpoint.architecture() {
         return print_clip(checkpoint);
     }
+    if let Architecture::DepthAnything { .. } = checkpoint.architecture() {
+        return print_depth_anything(checkpoint);
+    }
     let Some(missing) = missing_tensors(checkpoint) else {
         let reason = match checkpoint.architecture() {
             Architecture::Unknown => {
-                "splatseg runs FastSAM, SAM 2.1, EdgeTAM, EfficientTAM, CLIP and Perception Encoder only".to_owned()
+                "splatseg runs FastSAM, SAM 2.1, EdgeTAM, EfficientTAM, CLIP, Perception Encoder and Depth Anything V2 only".to_owned()
             }
             _ if !HAS_NETWORKS => DeviceError::NoNetworks.to_string(),
             _ => "the tensors from which the network's size is read are missing or damaged".to_owned(),

@@ -200,6 +200,10 @@ pub struct SettingsOptions {
     pub names: Option<String>,
     #[arg(long, value_name = "FILE")]
     pub vocabulary: Option<String>,
+    #[arg(long, value_name = "FILE")]
+    pub depth_weights: Option<String>,
+    #[arg(long, value_name = "USE")]
+    pub predicted_depth: Option<String>,
     #[arg(long, value_name = "SOURCE")]
     pub prompts: Option<String>,
     #[arg(long, value_name = "SOURCE", value_delimiter = ',')]
@@ -247,6 +251,7 @@ impl SettingsOptions {
             )));
         }
         let namer = self.names.as_ref().map(|_| "clip".to_owned());
+        let depth_predictor = self.depth_weights.as_ref().map(|_| "depth-anything".to_owned());
         let options = [
             ("method_preset", self.method_preset.as_ref()),
             ("segmenter", self.segmenter.as_ref()),
@@ -257,6 +262,9 @@ impl SettingsOptions {
             ("namer", namer.as_ref()),
             ("names", self.names.as_ref()),
             ("vocabulary", self.vocabulary.as_ref()),
+            ("depth_predictor", depth_predictor.as_ref()),
+            ("depth_weights", self.depth_weights.as_ref()),
+            ("predicted_depth", self.predicted_depth.as_ref()),
             ("prompts", self.prompts.as_ref()),
             ("poses", self.poses.first()),
             ("detail", self.detail.as_ref()),

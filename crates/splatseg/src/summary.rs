@@ -1,7 +1,7 @@
 //! `summary.json`: the results of a run, for scripts.
 
 use crate::Settings;
-use crate::pipeline::{FrameResult, StageTimes};
+use crate::pipeline::{FrameResult, MapScale, StageTimes};
 use crate::relative_paths::relative_to;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{MAX_16_BIT_ID, RemappedId};
@@ -67,6 +67,8 @@ pub struct Summary {
     /// Time of the final pass, in which the map of the end decided the ids of all frames again, seconds; null if there was
     /// none. No other time or speed includes it.
     pub final_pass_s: Option<f64>,
+    /// Where the map's scale is from, if all of its depth is predicted; null otherwise.
+    pub scale: Option<MapScale>,
     /// Frames per second.
     pub fps: FramesPerSecond,
     /// State of the run at up to 64 frames in equal steps.

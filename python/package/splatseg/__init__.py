@@ -29,6 +29,7 @@ from .merging import merge
 from .naming import Names, names
 from .objects import BestView, FoundObject, FrameStamp, Object, Objects, ObjectSighting, Shape, Sightings
 from .pipeline import FastSamSplat, Pipeline, Sam2Splat
+from .predicted_depth import Depth, depth
 from .result import StepResult
 from .runs import Run, run
 from .sam2 import Sam2, Tracks
@@ -40,6 +41,7 @@ from .state import read_state
 __all__ = [
     "Affinity",
     "BestView",
+    "Depth",
     "FastSam",
     "FastSamSplat",
     "FoundObject",
@@ -69,6 +71,7 @@ __all__ = [
     "StepResult",
     "Tracks",
     "__version__",
+    "depth",
     "evaluate",
     "load_scene_graph",
     "merge",

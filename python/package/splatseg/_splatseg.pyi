@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from typing_extensions import Self
 
 __all__ = [
+    "Depth",
     "Frames",
     "Live",
     "Names",
@@ -69,6 +70,12 @@ class Live:
     def close(self, finish: bool) -> None: ...
 
 @final
+class Depth:
+    def __new__(cls, weights: _Path, short_side: int, output: str) -> Self: ...
+    @property
+    def is_metric(self) -> bool: ...
+    def predict(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]: ...
+
 class Names:
     def __new__(
         cls,
@@ -89,6 +96,8 @@ class Pipeline:
         config: _Path | None = None,
         saved_memory: _Path | None = None,
         keep_views: bool = False,
+        depth_predictor: Callable[..., Any] | None = None,
+        predicted_depth: str | None = None,
     ) -> Self: ...
     @property
     def settings(self) -> str: ...

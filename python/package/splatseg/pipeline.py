@@ -16,6 +16,7 @@ from .frame import Frame
 from .memory import Memory
 from .naming import Names
 from .objects import FoundObject, Object, Objects, ObjectSighting, Sightings, parse
+from .predicted_depth import Depth
 from .progress import with_progress
 from .result import StepResult
 from .scene import open_scene
@@ -40,7 +41,9 @@ class Pipeline:
 
     ``method`` is one of ``fastsam-splat``, ``fastsam``, ``fastspam``, ``sam2``, ``sam2-splat``. ``config`` is a TOML
     file or the ``summary.json`` of a run; keywords override its settings. All other keywords are settings, see
-    ``splatseg settings``. ``keep_views`` keeps the best view of each object for :meth:`name_objects`, at most 64 MiB.
+    ``splatseg settings``. ``depth_predictor`` is a name, :func:`ss.depth(...) <depth>`, or any callable ``rgb -> depth`` or
+    ``rgb -> (depth, confidence)``, whose float arrays are as large as the image; ``predicted_depth="holes"`` (the default)
+    or ``"all"`` says where it is used. ``keep_views`` keeps the best view of each object for :meth:`name_objects`, at most 64 MiB.
 
     Raises ``TypeError`` for unknown settings, ``ValueError`` for invalid values and files.
     """
@@ -78,7 +81,18 @@ class Pipeline:
             function = segmenter
         elif segmenter is not None:
             settings["segmenter"] = segmenter
-        self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views)
+        predictor, use = settings.get("depth_predictor"), None
+        if isinstance(predictor, Depth):
+            own = settings.get("depth_anything", {})
+            section = {**predictor.settings["depth_anything"], **own}
+            settings = {**settings, **predictor.settings, "depth_anything": section}
+            predictor = None
+        elif callable(predictor):
+            settings.pop("depth_predictor")
+            use = settings.pop("predicted_depth", None)
+        else:
+            predictor = None
+        self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views, predictor, use)
 
     @classmethod
     def load(

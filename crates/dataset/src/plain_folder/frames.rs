@@ -1,6 +1,6 @@
 //! The frames of a plain folder: images of one name, and their poses.
 
-use super::names::Images;
+use super::names::{Images, NamedImage};
 use super::poses::ListedPose;
 use crate::LeftOut;
 use std::collections::BTreeMap;
@@ -13,7 +13,8 @@ pub(super) struct FolderFrame {
     pub(super) name: String,
     pub(super) timestamp: Option<Duration>,
     pub(super) color: PathBuf,
-    pub(super) depth: PathBuf,
+    /// `None` if depth is to be predicted.
+    pub(super) depth: Option<PathBuf>,
     pub(super) pose: Option<ListedPose>,
 }
 
@@ -32,14 +33,7 @@ pub(super) fn frames_of(
             without_depth += 1;
             continue;
         };
-        let seconds = image.seconds.or(pose.and_then(|pose| pose.seconds));
-        frames.push(FolderFrame {
-            name: image.stem.clone(),
-            timestamp: seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
-            color: image.path.clone(),
-            depth: depth.to_owned(),
-            pose: *pose,
-        });
+        frames.push(frame_of(image, Some(depth.to_owned()), *pose));
     }
     let left_out = LeftOut::list([
         (without_depth, "without a depth image of the same name".to_owned()),
@@ -47,4 +41,21 @@ pub(super) fn frames_of(
         (color.unreadable + depth.unreadable, "with names that are not UTF-8".to_owned()),
     ]);
     (frames, left_out)
+}
+
+/// Returns the frames of images without depth, and the counts of images that are left out.
+pub(super) fn frames_without_depth(color: &Images, poses: &[Option<ListedPose>]) -> (Vec<FolderFrame>, Vec<LeftOut>) {
+    let frames = color.images.iter().zip(poses).map(|(image, pose)| frame_of(image, None, *pose)).collect();
+    (frames, LeftOut::list([(color.unreadable, "with names that are not UTF-8".to_owned())]))
+}
+
+fn frame_of(image: &NamedImage, depth: Option<PathBuf>, pose: Option<ListedPose>) -> FolderFrame {
+    let seconds = image.seconds.or(pose.and_then(|pose| pose.seconds));
+    FolderFrame {
+        name: image.stem.clone(),
+        timestamp: seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()),
+        color: image.path.clone(),
+        depth,
+        pose,
+    }
 }

@@ -9,6 +9,7 @@ mod corrections;
 mod frames;
 mod names;
 mod poses;
+mod without_depth;
 
 use crate::corrections::CorrectionList;
 use crate::decode::{image_size, read_color};
@@ -27,10 +28,12 @@ use corrections::read_corrections;
 use frames::{FolderFrame, frames_of};
 use names::{COLOR_FOLDER, DEPTH_FOLDER, Images, Twins};
 pub use poses::{ListedPose, read_pose_list};
-use splatseg_geometry::SegmentMap;
+use splatseg_geometry::{Image, SegmentMap};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use tempfile::TempDir;
+pub(crate) use without_depth::{IMAGES_LAYOUT, looks_like_images};
 
 /// Layout of a plain folder, for messages.
 pub(crate) const LAYOUT: &str = "color/<name>.jpg or .png, depth/<name>.png, .tiff, .npy, .exr or .pfm, ..., camera.json (or --fx), poses.txt (optional; docs/FOLDER_FORMAT.md)";
@@ -45,7 +48,9 @@ const CORRECTIONS: &str = "corrections.txt";
 #[derive(Debug)]
 pub struct FolderScene {
     name: String,
+    /// The folder, or the video.
     folder: PathBuf,
+    format: Format,
     frames: Vec<FolderFrame>,
     poses: PoseCoverage,
     corrections: CorrectionList,
@@ -56,6 +61,9 @@ pub struct FolderScene {
     /// Created for the first frame whose images have the camera's size.
     undistortion: OnceLock<Option<Undistortion>>,
     left_out: Vec<LeftOut>,
+    sources: Vec<String>,
+    /// The frames of a video, removed with this.
+    extracted: Option<TempDir>,
 }
 
 impl FolderScene {
@@ -89,6 +97,7 @@ impl FolderScene {
         let scene = Self {
             name: folder_name(folder),
             folder: folder.to_owned(),
+            format: Format::Folder,
             poses: if has_list { coverage(&frames) } else { PoseCoverage::NONE },
             frames,
             corrections,
@@ -97,6 +106,8 @@ impl FolderScene {
             size_from,
             undistortion: OnceLock::new(),
             left_out,
+            sources: Vec::new(),
+            extracted: None,
         };
         // A wrong size in camera.json is reported once, not for every frame. A damaged image is reported when its frame
         // is read.
@@ -244,13 +255,17 @@ impl Scene for FolderScene {
 
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let frame = entry(&self.frames, index, &self.name)?;
-        let mut depth = read_depth(&frame.depth, self.camera.depth_scale)?;
         let mut color = read_color(&frame.color)?;
         self.require_camera_size(&frame.color, color.size())?;
-        require_registered(&color, &depth, &frame.depth)?;
+        let mut depth = match &frame.depth {
+            Some(path) => read_depth(path, self.camera.depth_scale)?,
+            None => Image::filled(color.width(), color.height(), 0.0),
+        };
+        let place = frame.depth.as_deref().unwrap_or(&frame.color);
+        require_registered(&color, &depth, place)?;
         if let Some(undistortion) = self.undistortion()? {
             color = undistortion.color(&color, &frame.color)?;
-            depth = undistortion.depth(&depth, &frame.depth)?;
+            depth = undistortion.depth(&depth, place)?;
         }
         let FolderFrame { name, timestamp, pose, .. } = frame.clone();
         let intrinsics = self.camera.intrinsics;
@@ -279,16 +294,24 @@ impl Scene for FolderScene {
     }
 
     fn format(&self) -> Option<Format> {
-        Some(Format::Folder)
+        Some(self.format)
     }
 
     fn left_out(&self) -> &[LeftOut] {
         &self.left_out
     }
 
+    fn sources(&self) -> &[String] {
+        &self.sources
+    }
+
+    fn has_depth(&self) -> bool {
+        self.format.has_depth()
+    }
+
     fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
         match (self.frames.get(index), part) {
-            (Some(frame), FramePart::Depth) => frame.depth.clone(),
+            (Some(frame), FramePart::Depth) => frame.depth.as_ref().unwrap_or(&frame.color).clone(),
             (Some(frame), FramePart::Pose) => match frame.pose {
                 Some(pose) => poses::place(&self.folder.join(POSES), pose.line),
                 None => self.folder.join(POSES),

@@ -6,7 +6,9 @@ use crate::support::mkv::{
 };
 use crate::support::two_ways;
 use glam::{DVec2, DVec3, dvec2};
-use splatseg_dataset::{DatasetError, DatasetSettings, Format, RecordingScene, RecordingSummary, open_scene};
+use splatseg_dataset::{
+    DatasetError, DatasetSettings, Format, RecordingScene, RecordingSummary, has_depth, open_scene,
+};
 use splatseg_geometry::CameraFrame;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -259,8 +261,7 @@ fn other_videos_are_not_taken_for_recordings() {
     writer.tracks.truncate(1);
     writer.tags.clear();
     let (folder, path) = written(&writer.bytes());
-    let error = open_scene(&path, &DatasetSettings::default()).unwrap_err();
-    assert!(matches!(error, DatasetError::PlainVideo { .. }), "{error}");
+    assert!(!has_depth(&path, &DatasetSettings::default()));
     assert!(!RecordingScene::is_recording(&path) && !RecordingScene::is_recording(folder.path()));
     // The name does not matter.
     let named = folder.path().join("b.video");

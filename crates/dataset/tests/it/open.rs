@@ -1,7 +1,7 @@
 //! Detection of scene formats.
 
 use crate::support::*;
-use splatseg_dataset::{DatasetError, DatasetSettings, Format, open_scene};
+use splatseg_dataset::{DatasetError, DatasetSettings, Format, has_depth, open_scene};
 use std::fs;
 use std::path::Path;
 
@@ -48,18 +48,49 @@ fn files_that_are_not_read_are_told_in_one_line() {
 }
 
 #[test]
-fn a_plain_video_is_told_that_it_has_no_depth() {
+fn a_plain_video_has_no_depth() {
     let folder = tempfile::tempdir().unwrap();
     let starts: [&[u8]; 3] =
         [b"\0\0\0\x20ftypisom\0\0\x02\0", b"\x1A\x45\xDF\xA3\x9F\x42\x86\x81\x01aaa", b"RIFF\x10\0\0\0AVI "];
     for (start, name) in starts.iter().zip(["clip.mp4", "clip.mkv", "clip.avi"]) {
         let path = folder.path().join(name);
         fs::write(&path, start).unwrap();
-        let error = open_scene(&path, &DatasetSettings::default()).unwrap_err();
-        assert!(matches!(error, DatasetError::PlainVideo { .. }), "{error}");
-        let told = error.to_string();
-        assert!(told.contains(&format!("{name}: a video without depth")) && !told.contains('\n'), "{told}");
+        assert!(!has_depth(&path, &DatasetSettings::default()));
+        // Without ffmpeg, or with it: these are no videos.
+        let told = open_scene(&path, &DatasetSettings::default()).unwrap_err().to_string();
+        assert!(told.contains(name) && told.contains("ffmpeg") && !told.contains('\n'), "{told}");
     }
+    assert!(has_depth(Path::new("synthetic"), &DatasetSettings::default()));
+}
+
+#[test]
+fn a_folder_of_images_has_no_depth() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    for name in ["10.png", "9.png"] {
+        image::RgbImage::from_pixel(40, 30, image::Rgb([9, 8, 7])).save(path.join(name)).unwrap();
+    }
+    fs::write(path.join("poses.txt"), "1 0 0 1 0 1 0 2 0 0 1 3 0 0 0 1\n".repeat(2)).unwrap();
+    let settings = DatasetSettings::default();
+    assert!(!has_depth(path, &settings));
+    let scene = open_scene(path, &settings).unwrap();
+    assert_eq!((scene.format(), scene.frame_count(), scene.frame_name(0)), (Some(Format::Images), 2, "9".to_owned()));
+    assert!(!scene.has_depth() && scene.has_poses() && scene.sources()[0].contains("60 degrees"));
+    let frame = scene.read_frame(1).unwrap();
+    assert!(frame.depth().pixels().iter().all(|depth| *depth == 0.0) && frame.color()[(3, 4)] == [9, 8, 7]);
+    assert_eq!(frame.world_from_camera().translation().to_array(), [1.0, 2.0, 3.0]);
+    let camera = r#"{"width":40,"height":30,"fx":44,"fy":45,"cx":20,"cy":15,"depth_scale":1000}"#;
+    fs::write(path.join("camera.json"), camera).unwrap();
+    let scene = open_scene(path, &settings).unwrap();
+    assert!(scene.sources().is_empty() && scene.read_frame(0).unwrap().intrinsics().fx == 44.0);
+    // In `color/`, the images look like a folder that lacks depth, unless the format is given.
+    fs::create_dir(path.join("color")).unwrap();
+    fs::rename(path.join("9.png"), path.join("color/9.png")).unwrap();
+    fs::remove_file(path.join("10.png")).unwrap();
+    fs::remove_file(path.join("poses.txt")).unwrap();
+    assert!(open_scene(path, &settings).unwrap_err().to_string().contains("this is missing: depth/"));
+    let images = DatasetSettings::default().with(|settings| settings.format = Format::Images);
+    assert_eq!(open_scene(path, &images).unwrap().frame_count(), 1);
 }
 
 #[test]

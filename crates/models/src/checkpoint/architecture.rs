@@ -2,6 +2,7 @@
 
 use super::Checkpoint;
 use crate::clip::ClipLayout;
+use crate::depth_anything::DepthAnythingLayout;
 use std::fmt;
 
 /// A network, recognised by the names and shapes of its tensors.
@@ -44,6 +45,13 @@ pub enum Architecture {
         /// What its tensors are called.
         layout: ClipLayout,
     },
+    /// Depth Anything V2.
+    DepthAnything {
+        /// What its tensors are called.
+        layout: DepthAnythingLayout,
+        /// Channels of the encoder: 384 in Small, 768 in Base, 1024 in Large.
+        width: usize,
+    },
     /// Something else.
     Unknown,
 }
@@ -55,6 +63,7 @@ impl Architecture {
             .or_else(|| descendant_of_sam2(checkpoint))
             .or_else(|| sam2(checkpoint))
             .or_else(|| ClipLayout::of(checkpoint).map(|layout| Architecture::Clip { layout }))
+            .or_else(|| depth_anything(checkpoint))
             .unwrap_or(Self::Unknown)
     }
 }
@@ -116,6 +125,12 @@ fn descendant_of_sam2(checkpoint: &Checkpoint) -> Option<Architecture> {
     Some(Architecture::EfficientTam { width })
 }
 
+fn depth_anything(checkpoint: &Checkpoint) -> Option<Architecture> {
+    let layout = DepthAnythingLayout::of(checkpoint)?;
+    let width = first_axis::<4>(checkpoint, layout.patches())?;
+    Some(Architecture::DepthAnything { layout, width })
+}
+
 impl fmt::Display for Architecture {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -144,6 +159,16 @@ impl fmt::Display for Architecture {
             Self::EfficientTam { width: 192 } => formatter.write_str("EfficientTAM-Ti"),
             Self::EfficientTam { width } => write!(formatter, "EfficientTAM of no published size: width {width}"),
             Self::Clip { layout } => formatter.write_str(layout.name()),
+            Self::DepthAnything { layout, width } => {
+                let size = match width {
+                    384 => "Small",
+                    768 => "Base",
+                    1024 => "Large",
+                    1536 => "Giant",
+                    _ => return write!(formatter, "{} of no published size: width {width}", layout.name()),
+                };
+                write!(formatter, "{}, {size}", layout.name())
+            }
             Self::Unknown => formatter.write_str("unknown"),
         }
     }

@@ -33,12 +33,15 @@ pub use tensor::{Dtype, TensorInfo};
 
 use error::Fault;
 use serde_json::Value;
-use splatseg_files::open_file;
+use splatseg_files::{open_file, read_file};
 use std::collections::{HashMap, HashSet};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// Maximum size of a configuration beside a checkpoint.
+const MAX_CONFIGURATION_BYTES: u64 = 1 << 20;
 
 /// A checkpoint, open for reading.
 #[derive(Debug)]
@@ -132,6 +135,35 @@ impl Checkpoint {
         self.contents.configuration.as_ref()
     }
 
+    /// The first names of the tensors, for a message about a network that is not recognised.
+    pub(crate) fn first_names(&self) -> String {
+        let names: Vec<String> = self.tensors().take(2).map(|tensor| printable(tensor.name())).collect();
+        if names.is_empty() { "no tensors".to_owned() } else { format!("with {}, …", names.join(", ")) }
+    }
+
+    /// The JSON configuration beside the file: `NAME.json` for `NAME.safetensors`, so that several checkpoints can lie in a
+    /// folder, else the first of `names` that exists; with its path. It is unvalidated file content.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Part`] if it cannot be read, is larger than 1 MiB, or is not JSON.
+    pub(crate) fn configuration_beside(&self, names: &[&str]) -> Result<Option<(PathBuf, Value)>, CheckpointError> {
+        let folder = self.path.parent().unwrap_or(Path::new("."));
+        let own = self.path.with_extension("json");
+        let beside = std::iter::once(own).chain(names.iter().map(|name| folder.join(name)));
+        let Some(path) = beside.into_iter().find(|path| path.is_file()) else { return Ok(None) };
+        let wrong = |found: String| Fault::part("configuration", found, "JSON of at most 1 MiB").at(&path);
+        let bytes = read_file(&path, MAX_CONFIGURATION_BYTES).map_err(|error| wrong(error.to_string()))?;
+        let json = serde_json::from_slice(&bytes).map_err(|error| wrong(error.to_string()))?;
+        Ok(Some((path, json)))
+    }
+
+    /// Number of bytes in which the file states its tensors, and that of the file. Tensors of PyTorch's files may share data, so
+    /// that the first can be far larger.
+    pub(crate) fn stated_and_stored_bytes(&self) -> (u128, u64) {
+        let bytes = self.tensors().map(|tensor| (tensor.elements() * tensor.dtype.size()) as u128);
+        (bytes.sum(), self.len)
+    }
+
     /// The ε of the batch norms, if the file contains a module or was converted from one. Ultralytics' networks have
     /// 1e-3, not PyTorch's 1e-5.
     pub fn batch_norm_eps(&self) -> Option<f64> {
@@ -184,8 +216,8 @@ impl Checkpoint {
             return Err(CheckpointError::Exists { path: out.to_owned() });
         }
         // Tensors may share data, which a converted file repeats: a small file could produce a huge one.
-        let bytes = self.tensors().map(|tensor| (tensor.elements() * tensor.dtype.size()) as u128).sum::<u128>();
-        let limit = 2 * u128::from(self.len);
+        let (bytes, len) = self.stated_and_stored_bytes();
+        let limit = 2 * u128::from(len);
         if bytes > limit {
             let found = format!("{bytes} bytes that share data");
             return Err(Fault::part("the tensors", found, format!("at most {limit}, twice the file")).at(&self.path));

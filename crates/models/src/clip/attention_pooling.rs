@@ -1,8 +1,7 @@
 //! Attention pooling of a Perception Encoder: one learned query attends to all tokens of the image.
 
 use super::ClipError;
-use super::transformer::Norm;
-use super::weights::LayerReader;
+use crate::transformer::{LayerReader, Norm};
 use splatseg_kernels::Activation;
 use splatseg_kernels::attention::{HeadRows, multi_head_attention};
 use splatseg_kernels::gemm::{LinearChain, PackedLinear};

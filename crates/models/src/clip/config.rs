@@ -1,12 +1,12 @@
 //! The sizes of a CLIP network: from the shapes of its tensors, and what those do not tell from a `config.json`.
 
-use super::layout::{BlockNames, ClipLayout};
+use super::layout::{self, ClipLayout};
 use super::{ClipError, ClipTokenizer};
 use crate::checkpoint::{Checkpoint, printable};
+use crate::transformer::{BlockNames, TowerConfig};
 use serde_json::Value;
-use splatseg_files::read_file;
 use splatseg_kernels::Activation;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Channels per attention head of every published network of these layouts.
 const HEAD_WIDTH: usize = 64;
@@ -15,8 +15,6 @@ const MAX_WIDTH: usize = 4096;
 const MAX_BLOCKS: usize = 96;
 const MAX_TOKENS: usize = 4097;
 const MAX_CONTEXT: usize = 1024;
-/// Maximum size of a configuration, bytes.
-const MAX_CONFIG_BYTES: u64 = 1 << 20;
 /// Configurations beside a checkpoint, in order of preference.
 const CONFIG_FILES: [&str; 2] = ["open_clip_config.json", "config.json"];
 
@@ -24,19 +22,6 @@ const CONFIG_FILES: [&str; 2] = ["open_clip_config.json", "config.json"];
 const OPENAI_NORMALISATION: [[f32; 3]; 2] =
     [[0.481_454_66, 0.457_827_5, 0.408_210_73], [0.268_629_54, 0.261_302_6, 0.275_777_1]];
 const HALVES: [[f32; 3]; 2] = [[0.5; 3], [0.5; 3]];
-
-/// Sizes of one transformer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TowerConfig {
-    /// Channels.
-    pub width: usize,
-    /// Attention heads.
-    pub heads: usize,
-    /// Blocks.
-    pub blocks: usize,
-    /// Activation between the linear layers.
-    pub activation: Activation,
-}
 
 /// Sizes of a CLIP network, and how its input is prepared.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,7 +62,7 @@ impl ClipConfig {
     pub fn of(checkpoint: &Checkpoint) -> Result<Self, ClipError> {
         let path = checkpoint.path();
         let Some(layout) = ClipLayout::of(checkpoint) else {
-            let found = format!("{} ({})", checkpoint.architecture(), first_names(checkpoint));
+            let found = format!("{} ({})", checkpoint.architecture(), checkpoint.first_names());
             return Err(ClipError::OtherNetwork { path: path.to_owned(), found });
         };
         Reader { checkpoint, layout, given: Given::find(checkpoint)?, assumed: Vec::new() }.config()
@@ -89,12 +74,6 @@ impl ClipConfig {
     }
 }
 
-/// The first names of a checkpoint, for a message about one that is not recognised.
-fn first_names(checkpoint: &Checkpoint) -> String {
-    let names: Vec<String> = checkpoint.tensors().take(2).map(|tensor| printable(tensor.name())).collect();
-    if names.is_empty() { "no tensors".to_owned() } else { format!("with {}, …", names.join(", ")) }
-}
-
 impl Given {
     /// The configuration of a checkpoint: in its metadata, else in a file beside it.
     fn find(checkpoint: &Checkpoint) -> Result<Option<Self>, ClipError> {
@@ -102,14 +81,7 @@ impl Given {
         if let Some(json) = checkpoint.configuration().filter(|json| json.is_object()) {
             return Ok(Some(Self { path: path.to_owned(), json: json.clone() }));
         }
-        let folder = path.parent().unwrap_or(Path::new("."));
-        // `model.safetensors` may have a `model.json`, so that several checkpoints can lie in a folder.
-        let own = path.with_extension("json");
-        let beside = std::iter::once(own).chain(CONFIG_FILES.iter().map(|name| folder.join(name)));
-        let Some(path) = beside.into_iter().find(|path| path.is_file()) else { return Ok(None) };
-        let wrong = |problem: String| ClipError::Configuration { path: path.clone(), problem };
-        let bytes = read_file(&path, MAX_CONFIG_BYTES).map_err(|error| wrong(error.to_string()))?;
-        let json: Value = serde_json::from_slice(&bytes).map_err(|error| wrong(error.to_string()))?;
+        let Some((path, json)) = checkpoint.configuration_beside(&CONFIG_FILES)? else { return Ok(None) };
         let is_clip = ["vision_cfg", "vision_config", "model_cfg"].iter().any(|key| json.get(key).is_some());
         Ok(is_clip.then_some(Self { path, json }))
     }
@@ -194,17 +166,17 @@ impl Reader<'_> {
 
     fn image_blocks(&self) -> BlockNames {
         match self.layout {
-            ClipLayout::OpenClip => BlockNames::open_clip("visual."),
-            ClipLayout::HuggingFace => BlockNames::hugging_face("vision_model."),
-            ClipLayout::PerceptionEncoder => BlockNames::timm("visual.trunk."),
+            ClipLayout::OpenClip => layout::open_clip_blocks("visual."),
+            ClipLayout::HuggingFace => layout::hugging_face_blocks("vision_model."),
+            ClipLayout::PerceptionEncoder => layout::timm_blocks("visual.trunk."),
         }
     }
 
     fn text_blocks(&self) -> BlockNames {
         let prefix = self.layout.text_prefix(self.checkpoint);
         match self.layout {
-            ClipLayout::HuggingFace => BlockNames::hugging_face(prefix),
-            _ => BlockNames::open_clip(prefix),
+            ClipLayout::HuggingFace => layout::hugging_face_blocks(prefix),
+            _ => layout::open_clip_blocks(prefix),
         }
     }
 

@@ -37,14 +37,6 @@ pub enum ClipError {
         /// What would be possible.
         expected: String,
     },
-    /// The configuration beside the checkpoint cannot be read.
-    #[error("{}: {problem}", .path.display())]
-    Configuration {
-        /// The file.
-        path: PathBuf,
-        /// The problem.
-        problem: String,
-    },
     /// The network computed numbers that are not finite.
     #[error("{}: its embedding of {of} has numbers that are not finite", .path.display())]
     NotFinite {

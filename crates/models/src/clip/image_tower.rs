@@ -1,10 +1,9 @@
 //! The image tower: a vision transformer with a token for the class.
 
 use super::attention_pooling::AttentionPooling;
-use super::layout::{BlockNames, ClipLayout};
-use super::transformer::{Block, Norm, full_attention};
-use super::weights::LayerReader;
+use super::layout::{self, ClipLayout};
 use super::{ClipConfig, ClipError, rotary};
+use crate::transformer::{Block, BlockNames, LayerReader, Norm, full_attention};
 use splatseg_geometry::CowImage;
 use splatseg_kernels::Instructions;
 use splatseg_kernels::gemm::PackedLinear;
@@ -42,7 +41,7 @@ impl Names {
                 class: "visual.class_embedding",
                 positions: "visual.positional_embedding",
                 norms: ["visual.ln_pre", "visual.ln_post"],
-                blocks: BlockNames::open_clip("visual."),
+                blocks: layout::open_clip_blocks("visual."),
             },
             ClipLayout::HuggingFace => Self {
                 patches: "vision_model.embeddings.patch_embedding",
@@ -50,14 +49,14 @@ impl Names {
                 positions: "vision_model.embeddings.position_embedding.weight",
                 // Misspelt in the original.
                 norms: ["vision_model.pre_layrnorm", "vision_model.post_layernorm"],
-                blocks: BlockNames::hugging_face("vision_model."),
+                blocks: layout::hugging_face_blocks("vision_model."),
             },
             ClipLayout::PerceptionEncoder => Self {
                 patches: "visual.trunk.patch_embed.proj",
                 class: "visual.trunk.cls_token",
                 positions: "visual.trunk.pos_embed",
                 norms: ["visual.trunk.norm_pre", "visual.trunk.norm"],
-                blocks: BlockNames::timm("visual.trunk."),
+                blocks: layout::timm_blocks("visual.trunk."),
             },
         }
     }
@@ -165,8 +164,8 @@ fn projection(reader: LayerReader<'_>, config: &ClipConfig) -> Result<PackedLine
     let dims = [config.image.width, config.embedding];
     match config.layout {
         ClipLayout::OpenClip => open_clip_projection(reader, "visual.proj", dims),
-        ClipLayout::HuggingFace => reader.linear_of("visual_projection.weight", None, dims),
-        ClipLayout::PerceptionEncoder => reader.linear("visual.trunk.head", dims),
+        ClipLayout::HuggingFace => Ok(reader.linear_of("visual_projection.weight", None, dims)?),
+        ClipLayout::PerceptionEncoder => Ok(reader.linear("visual.trunk.head", dims)?),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Recognises the layout of a CLIP checkpoint: what its tensors are called.
 
 use crate::checkpoint::Checkpoint;
+use crate::transformer::{BlockNames, QueryKeyValue};
 
 /// Who named the tensors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,64 +55,38 @@ impl ClipLayout {
     }
 }
 
-/// Names of the tensors of a block of a transformer.
-pub(super) struct BlockNames {
-    /// Prefix of all blocks, to which the number is appended.
-    pub blocks: String,
-    pub norms: [&'static str; 2],
-    pub query_key_value: QueryKeyValue,
-    pub output: &'static str,
-    pub mlp: [&'static str; 2],
+/// Blocks of torch's `MultiheadAttention` (OpenAI, OpenCLIP).
+pub(super) fn open_clip_blocks(prefix: &str) -> BlockNames {
+    BlockNames {
+        blocks: format!("{prefix}transformer.resblocks."),
+        norms: ["ln_1", "ln_2"],
+        query_key_value: QueryKeyValue::Fused("attn.in_proj_weight", "attn.in_proj_bias"),
+        output: "attn.out_proj",
+        mlp: ["mlp.c_fc", "mlp.c_proj"],
+        layer_scales: None,
+    }
 }
 
-/// How queries, keys and values are stored.
-#[derive(Clone, Copy)]
-pub(super) enum QueryKeyValue {
-    /// One matrix and one bias, by their full names.
-    Fused(&'static str, &'static str),
-    /// Three layers.
-    Separate([&'static str; 3]),
+/// Blocks of Hugging Face's `CLIPEncoder`.
+pub(super) fn hugging_face_blocks(prefix: &str) -> BlockNames {
+    BlockNames {
+        blocks: format!("{prefix}encoder.layers."),
+        norms: ["layer_norm1", "layer_norm2"],
+        query_key_value: QueryKeyValue::Separate(["self_attn.q_proj", "self_attn.k_proj", "self_attn.v_proj"]),
+        output: "self_attn.out_proj",
+        mlp: ["mlp.fc1", "mlp.fc2"],
+        layer_scales: None,
+    }
 }
 
-impl BlockNames {
-    /// Blocks of torch's `MultiheadAttention` (OpenAI, OpenCLIP).
-    pub fn open_clip(prefix: &str) -> Self {
-        Self {
-            blocks: format!("{prefix}transformer.resblocks."),
-            norms: ["ln_1", "ln_2"],
-            query_key_value: QueryKeyValue::Fused("attn.in_proj_weight", "attn.in_proj_bias"),
-            output: "attn.out_proj",
-            mlp: ["mlp.c_fc", "mlp.c_proj"],
-        }
-    }
-
-    /// Blocks of Hugging Face's `CLIPEncoder`.
-    pub fn hugging_face(prefix: &str) -> Self {
-        Self {
-            blocks: format!("{prefix}encoder.layers."),
-            norms: ["layer_norm1", "layer_norm2"],
-            query_key_value: QueryKeyValue::Separate(["self_attn.q_proj", "self_attn.k_proj", "self_attn.v_proj"]),
-            output: "self_attn.out_proj",
-            mlp: ["mlp.fc1", "mlp.fc2"],
-        }
-    }
-
-    /// Blocks of timm's `Eva`.
-    pub fn timm(prefix: &str) -> Self {
-        Self {
-            blocks: format!("{prefix}blocks."),
-            norms: ["norm1", "norm2"],
-            query_key_value: QueryKeyValue::Fused("attn.qkv.weight", "attn.qkv.bias"),
-            output: "attn.proj",
-            mlp: ["mlp.fc1", "mlp.fc2"],
-        }
-    }
-
-    /// Number of blocks in a checkpoint: the largest number in a name, plus 1. A block that lacks a tensor counts too, so
-    /// that it is missed when the blocks are read.
-    pub fn count(&self, checkpoint: &Checkpoint) -> usize {
-        let number = |name: &str| name.strip_prefix(self.blocks.as_str())?.split('.').next()?.parse::<usize>().ok();
-        let numbers = checkpoint.tensors().filter_map(|tensor| number(tensor.name()));
-        numbers.max().map_or(0, |last| last.saturating_add(1))
+/// Blocks of timm's `Eva`.
+pub(super) fn timm_blocks(prefix: &str) -> BlockNames {
+    BlockNames {
+        blocks: format!("{prefix}blocks."),
+        norms: ["norm1", "norm2"],
+        query_key_value: QueryKeyValue::Fused("attn.qkv.weight", "attn.qkv.bias"),
+        output: "attn.proj",
+        mlp: ["mlp.fc1", "mlp.fc2"],
+        layer_scales: None,
     }
 }

@@ -4,15 +4,16 @@
 //! | --- | --- |
 //! | `layout.rs` | recognises a checkpoint by its names: OpenCLIP, Hugging Face, Perception Encoder |
 //! | `config.rs` | the sizes of both towers, from the shapes and from a `config.json` beside the checkpoint |
-//! | `weights.rs` | reads layers, whatever the layout calls them |
-//! | `transformer.rs` | the blocks of both towers |
 //! | `image_tower.rs`, `attention_pooling.rs`, `rotary.rs` | image to vector |
-//! | `text_tower.rs`, `tokenizer.rs` | text to vector |
+//! | `text_tower.rs`, `causal_attention.rs`, `tokenizer.rs` | text to vector |
+//!
+//! The blocks of both towers are those of `transformer/`.
 //!
 //! Radford et al. 2021; Bolya et al. 2025 for the Perception Encoder. All layers are loops of `splatseg-kernels` on the
 //! CPU, so that a program without the feature `networks` has them too.
 
 mod attention_pooling;
+mod causal_attention;
 mod config;
 mod error;
 mod image_tower;
@@ -21,10 +22,9 @@ mod network;
 mod rotary;
 mod text_tower;
 mod tokenizer;
-mod transformer;
-mod weights;
 
-pub use config::{ClipConfig, TowerConfig};
+pub use crate::transformer::TowerConfig;
+pub use config::ClipConfig;
 pub use error::ClipError;
 pub use layout::ClipLayout;
 pub use network::ClipNetwork;

@@ -2,9 +2,9 @@
 
 use super::image_tower::ImageTower;
 use super::text_tower::TextTower;
-use super::weights::LayerReader;
 use super::{ClipConfig, ClipError, ClipTokenizer};
 use crate::checkpoint::{Checkpoint, Format};
+use crate::transformer::LayerReader;
 use splatseg_geometry::CowImage;
 use std::path::{Path, PathBuf};
 
@@ -15,6 +15,9 @@ const TEXTS_AT_ONCE: usize = 64;
 /// Factor of similarities in a checkpoint that does not tell it, and the largest one.
 const USUAL_SCALE: f32 = 100.0;
 const MAX_SCALE: f32 = 200.0;
+
+/// ε of every layer norm.
+const EPSILON: f32 = 1e-5;
 
 /// A CLIP network on the CPU.
 #[derive(Clone, Debug)]
@@ -48,7 +51,7 @@ impl ClipNetwork {
             return Err(ClipError::NotSafetensors { path });
         }
         let config = ClipConfig::of(checkpoint)?;
-        let reader = LayerReader(checkpoint);
+        let reader = LayerReader { checkpoint, epsilon: EPSILON };
         let (image, text) = (ImageTower::load(reader, &config)?, TextTower::load(reader, &config)?);
         let scale = match checkpoint.info("logit_scale") {
             Some(_) => reader.tensor("logit_scale", &[])?[0].exp(),

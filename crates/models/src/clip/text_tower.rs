@@ -1,10 +1,10 @@
 //! The text tower: a transformer in which a token attends to those before it. The last token is the text's vector.
 
+use super::causal_attention::causal_attention;
 use super::image_tower::open_clip_projection;
-use super::layout::{BlockNames, ClipLayout};
-use super::transformer::{Block, Norm, causal_attention};
-use super::weights::LayerReader;
+use super::layout::{self, ClipLayout};
 use super::{ClipConfig, ClipError, ClipTokenizer};
+use crate::transformer::{Block, LayerReader, Norm};
 use splatseg_kernels::gemm::PackedLinear;
 use std::ops::Range;
 
@@ -22,7 +22,7 @@ pub(super) struct TextTower {
 
 impl TextTower {
     pub fn load(reader: LayerReader<'_>, config: &ClipConfig) -> Result<Self, ClipError> {
-        let prefix = config.layout.text_prefix(reader.0);
+        let prefix = config.layout.text_prefix(reader.checkpoint);
         let (width, context) = (config.text.width, config.context);
         let name = |part: &str| format!("{prefix}{part}");
         let tokens_shape = [ClipTokenizer::TOKENS, width];
@@ -31,14 +31,14 @@ impl TextTower {
             ClipLayout::HuggingFace => (
                 reader.tensor(&name("embeddings.token_embedding.weight"), &tokens_shape)?,
                 reader.tensor(&name("embeddings.position_embedding.weight"), &[context, width])?,
-                BlockNames::hugging_face(prefix),
+                layout::hugging_face_blocks(prefix),
                 reader.norm(&name("final_layer_norm"), width)?,
                 reader.linear_of("text_projection.weight", None, dims)?,
             ),
             ClipLayout::OpenClip | ClipLayout::PerceptionEncoder => (
                 reader.tensor(&name("token_embedding.weight"), &tokens_shape)?,
                 reader.tensor(&name("positional_embedding"), &[context, width])?,
-                BlockNames::open_clip(prefix),
+                layout::open_clip_blocks(prefix),
                 reader.norm(&name("ln_final"), width)?,
                 open_clip_projection(reader, &name("text_projection"), dims)?,
             ),

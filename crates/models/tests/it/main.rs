@@ -3,6 +3,7 @@
 mod checkpoint;
 mod clip;
 mod completeness;
+mod depth_anything;
 mod edgetam;
 mod efficienttam;
 mod fastsam;

@@ -53,7 +53,8 @@ fn run_job(job: &BatchJob, networks: &Arc<LoadedNetworks>) -> Result<Row, Failur
         return Ok(row);
     }
     let started = Instant::now();
-    let settings: Settings = serde_json::from_value(job.settings.clone()).map_err(Failure::input)?;
+    let mut settings: Settings = serde_json::from_value(job.settings.clone()).map_err(Failure::input)?;
+    settings.settle_depth(Path::new(&job.scene)).map_err(Failure::input)?;
     let summary = execute(&planned_run(job, &settings, networks)?)?;
     let score = score_scene(job, &settings)?;
     let row = new_row(job, &summary, score, started.elapsed().as_secs_f64());

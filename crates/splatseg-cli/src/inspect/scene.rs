@@ -4,7 +4,7 @@ use super::{InspectArguments, print_json};
 use crate::Failure;
 use crate::terminal::counted;
 use serde_json::{Value, json};
-use splatseg_dataset::{DatasetSettings, FrameSource, FrameStream, GroundTruth, LeftOut, Scene, open_scene};
+use splatseg_dataset::{DatasetSettings, FrameSource, FrameStream, GroundTruth, LeftOut, Scene, has_depth, open_scene};
 use splatseg_geometry::CameraFrame;
 use std::path::Path;
 use std::sync::Arc;
@@ -17,7 +17,9 @@ const SENS: &str = "sens";
 
 /// Returns true if a path is that of a scene, not of a checkpoint.
 pub fn is_scene(path: &Path) -> bool {
-    path.is_dir() || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(SENS))
+    !has_depth(path, &DatasetSettings::default())
+        || path.is_dir()
+        || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(SENS))
 }
 
 /// Prints what is known about a scene from its files, its first good frame, and the time of its last one.
@@ -63,6 +65,7 @@ fn described(path: &Path, scene: &Arc<dyn Scene>, settings: &DatasetSettings) ->
         "camera": {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx, "cy": camera.cy},
         "first_s": seconds(first.timestamp()),
         "last_s": seconds(last_time(scene.as_ref())),
+        "has_depth": scene.has_depth(),
         "has_poses": scene.has_poses(),
         "has_ground_truth": scene.has_ground_truth(),
         "sources": scene.sources(),
@@ -93,6 +96,7 @@ fn print_first_frame(scene: &Arc<dyn Scene>, settings: &DatasetSettings) -> Resu
     let camera = first.intrinsics();
     say!("camera         fx {}, fy {}, cx {}, cy {}", camera.fx, camera.fy, camera.cx, camera.cy);
     match description.depth_range_m {
+        _ if !scene.has_depth() => say!("depth          none: a run needs a depth predictor (--depth-weights)"),
         Some((nearest, farthest)) => say!("depth          {nearest:.2} to {farthest:.2} m in the first frame"),
         None => say!("depth          none in the first frame"),
     }

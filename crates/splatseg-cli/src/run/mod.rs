@@ -119,10 +119,12 @@ pub fn run(arguments: &RunArguments, program: &[OsString]) -> Result<(), Failure
         }
         None => OverwritePolicy::from_flag(arguments.overwrite),
     };
+    let mut settings = arguments.settings(&out)?;
+    settings.settle_depth(&arguments.scene).map_err(Failure::input)?;
     let job = RunJob {
         scene: arguments.scene.clone(),
         existing,
-        settings: arguments.settings(&out)?,
+        settings,
         out,
         save_memory: arguments.save_memory.clone(),
         load_memory: arguments.load_memory.clone(),

@@ -6,6 +6,7 @@ use super::frame_loop::{EarlyEnd, LoopOutcome};
 use crate::Failure;
 use crate::terminal::counted;
 use splatseg::Pipeline;
+use splatseg::pipeline::MapScale;
 use splatseg::summary::{PoseStateCounts, RunCounts, Summary, peak_memory_mb};
 use splatseg_objects::ObjectCounts;
 use splatseg_output::{ObjectsFile, Page, PosesFile};
@@ -122,6 +123,7 @@ fn summary(job: &RunJob, counts: RunCounts, times: RunTimes, pipeline: &Pipeline
         slowest_frame_ms: counts.slowest.as_secs_f64() * 1e3,
         start_up_s: times.start_up.as_secs_f64(),
         final_pass_s: times.final_pass.map(|time| time.as_secs_f64()),
+        scale: pipeline.map_scale(),
         fps: counts.fps(times.online),
         curve: counts.curve.into_points(),
         interrupted: counts.interrupted,
@@ -167,6 +169,15 @@ pub fn report(job: &RunJob, summary: &Summary) -> String {
     );
     if let Some(seconds) = summary.final_pass_s {
         text.push_str(&format!("\nthe map of the end has decided the ids of all frames again, in {seconds:.1} s"));
+    }
+    match summary.scale {
+        None => {}
+        Some(MapScale::Metres) => {
+            text.push_str("\nall depth is predicted, in metres: the first frames fix the scale of the map")
+        }
+        Some(_) => {
+            text.push_str("\nall depth is predicted, without a unit: the size of the map is a guess");
+        }
     }
     match summary.pose_states {
         PoseStateCounts { tracked: 0, lost: 0, .. } => {}

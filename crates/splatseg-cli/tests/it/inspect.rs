@@ -35,7 +35,7 @@ fn shows_the_contents_of_a_file() {
         "architecture   unknown",
         "tensors        2 (1 float32, 1 float16)",
         "parameters     6",
-        "missing        unknown: splatseg runs FastSAM, SAM 2.1, EdgeTAM, EfficientTAM, CLIP and Perception Encoder only",
+        "missing        unknown: splatseg runs FastSAM, SAM 2.1, EdgeTAM, EfficientTAM, CLIP, Perception Encoder and Depth Anything V2 only",
         "  linear.weight float32 [2, 3]",
     ] {
         assert!(ended.out.lines().any(|found| found == line), "{line}\n{}", ended.out);

@@ -1,5 +1,6 @@
 //! Depth predictors: they return the depth of an image. Without one, depth is what the sensor has measured.
 
+use super::DepthAnythingSettings;
 use super::requirements::{Registry, choice};
 use super::{Part, PartContext, PartError, PartFiles, PartKind, PartSection, PartSettings, PartTable};
 use splatseg_depth::DepthPredictor;
@@ -10,7 +11,8 @@ use toml::Table;
 /// A depth predictor with its settings.
 pub type DepthPredictorSettings = PartSettings<dyn DepthPredictor>;
 
-static DEPTH_PREDICTORS: PartTable<dyn DepthPredictor> = PartTable::new(&[Part::of::<SimDepthSettings>()]);
+static DEPTH_PREDICTORS: PartTable<dyn DepthPredictor> =
+    PartTable::new(&[Part::of::<DepthAnythingSettings>(), Part::of::<SimDepthSettings>()]);
 
 impl PartKind for dyn DepthPredictor {
     const KEY: &'static str = "depth_predictor";
@@ -40,7 +42,7 @@ impl PartSection<dyn DepthPredictor> for SimDepthSettings {
 /// Adds the choice of a depth predictor, and the settings of each.
 pub(crate) fn add_settings(registry: &mut Registry) {
     let help = "Predicts depth from colour. `predicted_depth` says where it is used. Without it, depth is what the sensor has \
-                measured.";
+                measured. `--depth-weights FILE` chooses `depth-anything`.";
     registry.add(vec![choice("depth_predictor", None, DEPTH_PREDICTORS.names(), help)], &[]);
     DEPTH_PREDICTORS.add_settings(registry, &[]);
 }

@@ -8,6 +8,7 @@
 //! Nothing here depends on the pipeline or on the settings of a whole run: both are made of parts.
 
 mod context;
+mod depth_anything;
 pub(crate) mod depth_predictors;
 mod error;
 mod files;
@@ -24,6 +25,7 @@ pub(crate) mod trackers;
 mod values;
 
 pub use context::PartContext;
+pub use depth_anything::{DepthAnythingOutput, DepthAnythingSettings};
 pub use depth_predictors::DepthPredictorSettings;
 pub use error::PartError;
 pub use files::{MissingFile, PartFile, PartFiles, SettingsInput};

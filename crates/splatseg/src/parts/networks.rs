@@ -2,18 +2,20 @@
 
 use super::PartError;
 use splatseg_models::checkpoint::Checkpoint;
+use splatseg_models::depth_anything::{DepthAnythingNetwork, DepthOutput};
 use splatseg_models::device::DeviceName;
 use splatseg_models::fastsam::{FastSamPredictor, FastSamPredictorSettings};
 use splatseg_models::sam2::{MemoryPooling, Sam2Network};
 use splatseg_segmenter::{AffinityNetwork, AffinityWeights, SegmenterError};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Cache of loaded networks. Pipelines that need the same network share its weights. Only the latest network of each kind
 /// is kept.
 #[derive(Debug, Default)]
 pub struct LoadedNetworks {
     affinity: Latest<(Option<PathBuf>, DeviceName), AffinityNetworks>,
+    depth_anything: Latest<(PathBuf, Option<DepthOutput>), Arc<DepthAnythingNetwork>>,
     fastsam: Latest<(PathBuf, FastSamPredictorSettings, DeviceName), FastSamPredictor>,
     sam2: Latest<(PathBuf, Option<usize>, MemoryPooling, DeviceName), Sam2Network>,
 }
@@ -59,6 +61,21 @@ impl LoadedNetworks {
                 Some(file) => (load(AffinityWeights::File(file.clone()))?, None),
                 None => (load(AffinityWeights::BuiltIn)?, Some(load(AffinityWeights::NoisyDepth)?)),
             })
+        })
+    }
+
+    /// Returns the depth network of a file; `output` is what it returns, if that is known.
+    ///
+    /// # Errors
+    /// If it cannot be loaded.
+    pub(crate) fn depth_anything(
+        &self,
+        weights: &Path,
+        output: Option<DepthOutput>,
+    ) -> Result<Arc<DepthAnythingNetwork>, PartError> {
+        self.depth_anything.get((weights.to_owned(), output), |(weights, output)| {
+            let other = |source| PartError::Other { name: "depth_weights".to_owned(), source: Box::new(source) };
+            Ok(Arc::new(DepthAnythingNetwork::open(weights, *output).map_err(other)?))
         })
     }
 

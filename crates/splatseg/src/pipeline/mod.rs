@@ -35,7 +35,7 @@ pub use map_history::MapHistory;
 pub use map_places::{MapPlaces, MapPlanError, MapPlanInput, add_rooms};
 pub use named_map::{NamedMap, depth_views};
 pub use plan_beside::PlanBeside;
-pub use predicted_depth::{DepthAgain, PredictedDepthUse};
+pub use predicted_depth::{DepthAgain, MapScale, PredictedDepthUse};
 pub use rotate::Rotate;
 pub use stage_times::StageTimes;
 pub use steps::Pipeline;

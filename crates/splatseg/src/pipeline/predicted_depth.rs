@@ -20,6 +20,16 @@ choices! {
     }
 }
 
+choices! {
+    /// Where the scale of a map of predicted depth is from: the first frames fix it, and the map holds it.
+    pub enum MapScale, default Metres {
+        /// The depth predictor returns metres.
+        Metres = "predicted",
+        /// The depth predictor's unit is not known: the size of the world is a guess.
+        Guess = "guessed",
+    }
+}
+
 /// The map is compared at this width, pixels.
 const COMPARED_WIDTH: usize = 96;
 
@@ -43,6 +53,12 @@ impl DepthStage {
     /// True if no measured depth is used.
     pub(super) fn predicts_all(&self) -> bool {
         self.used == PredictedDepthUse::All
+    }
+
+    /// Where the map's scale is from; `None` if depth is measured.
+    pub(super) fn scale(&self) -> Option<MapScale> {
+        let scale = if self.predictor.knows_scale() { MapScale::Metres } else { MapScale::Guess };
+        self.predicts_all().then_some(scale)
     }
 
     /// The frame with predicted depth.

@@ -2,7 +2,7 @@
 
 use super::kept_names::KeptNames;
 use super::map_history::MapHistory;
-use super::predicted_depth::DepthStage;
+use super::predicted_depth::{DepthStage, MapScale};
 use super::stage_times::StageClock;
 use super::stages::{Decided, Placed, Segmented, in_thread_pool, process, segment, timed};
 use super::working_resolution::{WorkingFrame, WorkingResolution};
@@ -114,6 +114,11 @@ impl Pipeline {
     /// from 0, and its pose. The map moves with them before the next frame is processed. Tracked poses are not changed.
     pub fn correct_poses(&mut self, corrected: &[(usize, Pose)]) {
         self.corrected.extend(corrected.iter().copied());
+    }
+
+    /// Where the map's scale is from, if all depth is predicted; `None` if depth is measured.
+    pub fn map_scale(&self) -> Option<MapScale> {
+        self.depth.as_ref().and_then(DepthStage::scale)
     }
 
     /// The frame with predicted depth, if depth is to be predicted.

@@ -1,6 +1,7 @@
 //! Errors in settings.
 
 use super::{MissingFile, Requirement};
+use splatseg_dataset::DatasetError;
 use splatseg_memory::SplatFileError;
 use splatseg_models::device::DeviceError;
 use splatseg_settings::SettingError;
@@ -11,6 +12,9 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum SettingsError {
+    /// The source has no depth, and no depth predictor is chosen.
+    #[error(transparent)]
+    NoDepth(DatasetError),
     /// The file cannot be read.
     #[error("{}: {source}", path.display())]
     Read {

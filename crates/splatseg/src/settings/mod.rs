@@ -32,12 +32,13 @@ pub use registration::{register_depth_predictor, register_namer, register_segmen
 pub use registry::{describe, entries};
 
 use crate::pipeline::{PredictedDepthUse, Rotate};
-use splatseg_dataset::DatasetSettings;
+use splatseg_dataset::{DatasetError, DatasetSettings};
 use splatseg_files::MemoryLimit;
 use splatseg_models::device::{DeviceError, DeviceName, HAS_NETWORKS};
 use splatseg_odometry::PoseMode;
 use splatseg_segmenter::Detail;
 use splatseg_settings::{Allowed, Choice, settings};
+use std::path::Path;
 
 /// Settings of a run: its method, its segmenter and the reading of its scene.
 ///
@@ -149,6 +150,22 @@ impl Settings {
             Some(device) => Err(DeviceError::NotBuilt(device.name()).into()),
             None => Ok(()),
         }
+    }
+
+    /// Settles what a source without depth needs: a depth predictor, whose depth is then used everywhere. `source` is the path
+    /// of the scene. Reads no frame.
+    ///
+    /// # Errors
+    /// [`SettingsError::NoDepth`] if the source has no depth and no predictor is chosen.
+    pub fn settle_depth(&mut self, source: &Path) -> Result<(), SettingsError> {
+        if splatseg_dataset::has_depth(source, &self.dataset) {
+            return Ok(());
+        }
+        if self.depth_predictor.is_none() {
+            return Err(SettingsError::NoDepth(DatasetError::NoDepth { path: source.to_owned() }));
+        }
+        self.run.predicted_depth = PredictedDepthUse::All;
+        Ok(())
     }
 
     /// Returns the device of the networks, if there are any.
