@@ -1,13 +1,11 @@
 //! Writes the corpora that fuzzing starts from, a valid file of each kind for each target: `cargo run --example make_corpus`.
 
-use splatseg_fuzz::{Place, files, sample, scenes};
-use splatseg_memory::MemoryKind;
+use splatseg_fuzz::{Place, scenes};
 use std::fs;
 use std::path::Path;
 
 fn main() -> std::io::Result<()> {
     let folder = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/corpus"));
-    let with_choice = |choice: u8, bytes: &[u8]| [&[choice], bytes].concat();
     let templates: [(&str, fn(&Path)); 14] = [
         ("images", scenes::images),
         ("sevenscenes", scenes::sevenscenes),
@@ -38,6 +36,18 @@ fn main() -> std::io::Result<()> {
     write(folder, "cdr", &[bytes.expect("CDR"), transforms.expect("CDR")])?;
     let texts = ["synthetic:frames=2,width=24,height=16,seed=3,noise=kinect,moving=2,camera=static", "synthetic"];
     write(folder, "synthetic", &texts.map(|text| text.as_bytes().to_vec()))?;
+    #[cfg(feature = "maps")]
+    write_maps(folder)?;
+    Ok(())
+}
+
+/// Maps, networks and settings.
+#[cfg(feature = "maps")]
+fn write_maps(folder: &Path) -> std::io::Result<()> {
+    use splatseg_fuzz::{files, sample};
+    use splatseg_memory::MemoryKind;
+
+    let with_choice = |choice: u8, bytes: &[u8]| [&[choice], bytes].concat();
     let pickle = files::module_pickle();
     write(folder, "torch", &[with_choice(0, &files::torch_file(&pickle))])?;
     write(folder, "pickle", &[pickle])?;

@@ -2,13 +2,9 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use splatseg_fuzz::{Place, read_scene, scenes};
+use splatseg_fuzz::{Place, read_changed_scene, scenes};
 use std::cell::OnceCell;
 
 thread_local!(static PLACE: OnceCell<Place> = const { OnceCell::new() });
 
-fuzz_target!(|input: &[u8]| Place::with_input(&PLACE, scenes::db3, input, |folder| {
-    for part in ["raw", "png"] {
-        read_scene(folder.join(part));
-    }
-}));
+fuzz_target!(|input: &[u8]| read_changed_scene(&PLACE, scenes::db3, &["raw", "png"], input));

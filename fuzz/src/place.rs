@@ -1,8 +1,8 @@
 //! Files on disk of which one is damaged at a time.
 
-use splatseg_dataset::{DatasetSettings, open_scene};
+use splatseg_dataset::{DatasetSettings, Format, open_scene};
 use splatseg_files::MemoryLimit;
-use std::cell::OnceCell;
+use std::cell::{Cell, OnceCell};
 use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -10,10 +10,16 @@ use tempfile::TempDir;
 /// Input that says it needs more is refused; less than the allocator allows, as the targets have files of their own.
 const ACCEPTED_MEMORY: u64 = 200_000_000;
 
+/// Inputs whose first byte is at least this detect the format of the scene, which takes most of the time of a small one.
+const DETECTED: u8 = 128;
+
 /// A folder with the files of a template. An input's first byte chooses a file; the rest of the input replaces it.
 pub struct Place {
     folder: TempDir,
     files: Vec<(PathBuf, Vec<u8>)>,
+    replaced: Cell<Option<usize>>,
+    /// The scenes in it and their formats, if it was made for [`read_changed_scene`].
+    scenes: Vec<(PathBuf, Format)>,
 }
 
 impl Place {
@@ -28,7 +34,7 @@ impl Place {
         let mut files = Vec::new();
         collect(folder.path(), &mut files);
         files.sort();
-        Self { folder, files }
+        Self { folder, files, replaced: Cell::new(None), scenes: Vec::new() }
     }
 
     /// Runs `work` on the folder with one file replaced. Every thread has its own folder, written once.
@@ -41,16 +47,39 @@ impl Place {
         let Some((choice, bytes)) = input.split_first() else { return };
         place.with(|place| {
             let place = place.get_or_init(|| Self::new(write));
-            place.with_file(usize::from(*choice) % place.files.len(), bytes, || work(place.folder.path()));
+            place.with_file(usize::from(*choice) % place.files.len(), bytes, || work(place.folder()));
         });
     }
 
-    /// Runs `work` while a file of the folder has another content.
+    /// Writes a template with scenes, which are opened to know their formats.
+    fn of_scenes(write: impl Fn(&Path), scenes: &[&str]) -> Self {
+        let place = Self::new(write);
+        let format = |scene: &PathBuf| {
+            let opened = open_scene(scene, &DatasetSettings::default());
+            let format = opened.ok().and_then(|scene| scene.format());
+            format.unwrap_or_else(|| panic!("{}: not a scene before any change", scene.display()))
+        };
+        let scenes = scenes.iter().map(|scene| place.folder().join(scene));
+        let scenes = scenes.map(|scene| (scene.clone(), format(&scene))).collect();
+        Self { scenes, ..place }
+    }
+
+    /// Runs `work` while a file of the folder has another content. It keeps that until the next file is replaced.
     pub fn with_file(&self, choice: usize, bytes: &[u8], work: impl FnOnce()) {
-        let (path, whole) = &self.files[choice];
-        fs::write(path, bytes).expect("a file in the temporary folder");
+        let write = |(path, _): &(PathBuf, _), bytes: &[u8]| {
+            fs::write(path, bytes).expect("a file in the temporary folder");
+        };
+        if let Some(before) = self.replaced.replace(Some(choice)).filter(|before| *before != choice) {
+            write(&self.files[before], &self.files[before].1);
+        }
+        write(&self.files[choice], bytes);
         work();
-        fs::write(path, whole).expect("a file in the temporary folder");
+    }
+
+    /// The scene that has a file: the first of `scenes` in whose path it is.
+    pub fn scene_of(&self, choice: usize, scenes: &[&str]) -> Option<PathBuf> {
+        let mut scenes = scenes.iter().map(|scene| self.folder.path().join(scene));
+        scenes.find(|scene| self.files[choice].0.starts_with(scene))
     }
 
     /// The folder.
@@ -81,9 +110,32 @@ fn collect(folder: &Path, files: &mut Vec<(PathBuf, Vec<u8>)>) {
     }
 }
 
+/// Reads, of the scenes in a folder, the one whose file the input replaces.
+pub fn read_changed_scene(
+    place: &'static std::thread::LocalKey<OnceCell<Place>>,
+    write: impl Fn(&Path),
+    scenes: &[&str],
+    input: &[u8],
+) {
+    let Some((choice, bytes)) = input.split_first() else { return };
+    place.with(|place| {
+        let place = place.get_or_init(|| Place::of_scenes(write, scenes));
+        let index = usize::from(*choice % DETECTED) % place.files.len();
+        let is_in = |(scene, _): &&(PathBuf, Format)| place.files[index].0.starts_with(scene);
+        let Some((scene, format)) = place.scenes.iter().find(is_in) else { return };
+        let format = if *choice < DETECTED { *format } else { Format::Auto };
+        place.with_file(index, bytes, || read_scene_as(scene, format));
+    });
+}
+
 /// Reads everything of a scene. Whatever is wrong with it must come back as an error.
 pub fn read_scene(path: impl AsRef<Path>) {
-    let Ok(scene) = open_scene(path, &DatasetSettings::default()) else { return };
+    read_scene_as(path, Format::Auto);
+}
+
+fn read_scene_as(path: impl AsRef<Path>, format: Format) {
+    let settings = DatasetSettings::default().with(|settings| settings.format = format);
+    let Ok(scene) = open_scene(path, &settings) else { return };
     for index in 0..scene.frame_count().min(3) {
         let _ = scene.frame_name(index);
         let _ = scene.read_frame(index);

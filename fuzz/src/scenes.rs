@@ -1,7 +1,9 @@
 //! A small valid scene of every format, of the synthetic room.
 
+use crate::support::bag::{Chunks, small as small_bag};
 use crate::support::mcap::{recording_of, without_checksums};
 use crate::support::mkv::{HeadPlace, MkvWriter, small};
+use crate::support::orbbec::OrbbecWriter;
 use crate::support::recording::{
     jpeg_bytes, png_color_bytes, png_depth_bytes, png_label_bytes, png_panoptic_bytes, recording, tar_gz_bytes,
     zip_bytes,
@@ -170,12 +172,19 @@ pub fn db3(folder: &Path) {
     write(folder, "png/a.db3", include_bytes!("../../crates/dataset/tests/data/recordings/realsense_2.59.db3"));
 }
 
-/// Bags of ROS 1.
+/// Bags of ROS 1, small: with each kind of chunks, of RealSense's SDK, and of Orbbec's.
 pub fn bag(folder: &Path) {
-    write(folder, "lz4/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/room_lz4.bag"));
-    write(folder, "bz2/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/room_bz2.bag"));
+    for (name, chunks) in [("plain", Chunks::Plain), ("lz4", Chunks::Lz4), ("bz2", Chunks::Bz2)] {
+        write(folder, &format!("{name}/a.bag"), small_bag(chunks));
+    }
     write(folder, "realsense/a.bag", include_bytes!("../../crates/dataset/tests/data/recordings/realsense_2.56.bag"));
+    for (name, is_new) in [("orbbec", true), ("orbbec_old", false)] {
+        write(folder, &format!("{name}/a.bag"), OrbbecWriter { is_new, ..OrbbecWriter::default() }.bytes());
+    }
 }
+
+/// The scenes of [`bag`].
+pub const BAGS: [&str; 6] = ["plain", "lz4", "bz2", "realsense", "orbbec", "orbbec_old"];
 
 /// Recordings of an Azure Kinect, in two of the ways in which Matroska is written.
 pub fn mkv(folder: &Path) {

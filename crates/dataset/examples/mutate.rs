@@ -32,10 +32,11 @@ use std::time::{Duration, Instant};
 /// A reader, the template of its files, and the scenes in that: files are of the first one whose path they begin with.
 type Reader = (&'static str, fn(&Path), &'static [&'static str]);
 
-const READERS: [Reader; 17] = [
+const READERS: [Reader; 18] = [
     ("mcap", scenes::mcap, &[""]),
     ("db3", scenes::db3, &["raw", "png"]),
-    ("bag", scenes::bag, &["lz4", "bz2", "realsense"]),
+    ("mkv", scenes::mkv, &["closed", "streamed"]),
+    ("bag", scenes::bag, &scenes::BAGS),
     ("r3d", scenes::phones, &["room.r3d", "r3d"]),
     ("polycam", scenes::phones, &["polycam"]),
     ("stray", scenes::phones, &["stray"]),
@@ -73,12 +74,8 @@ struct Found {
 
 fn mutate((name, template, parts): Reader, time: Duration) -> Found {
     let place = Place::new(template);
-    let scene_of = |path: &Path| -> Option<PathBuf> {
-        let of_part = |part: &&&str| path.starts_with(place.folder().join(part));
-        parts.iter().find(of_part).map(|part| place.folder().join(part))
-    };
-    let files = place.files().iter().enumerate();
-    let files: Vec<(usize, PathBuf)> = files.filter_map(|(index, (path, _))| Some((index, scene_of(path)?))).collect();
+    let files = 0..place.files().len();
+    let files: Vec<(usize, PathBuf)> = files.filter_map(|index| Some((index, place.scene_of(index, parts)?))).collect();
     for (_, scene) in &files {
         assert!(read(scene), "{}: not a scene before any change", scene.display());
     }

@@ -205,7 +205,7 @@ fn info_of_text(text: &str, frame: &str) -> Result<CameraInfo, CdrError> {
 
 /// Returns the place of `frame` in `reference` as a message of `/tf_static`, given the rotation and shift of points from
 /// `reference` to `frame`.
-fn extrinsics(frame: &str, reference: &str, turn: DQuat, shift: DVec3) -> Result<Vec<u8>, CdrError> {
+pub(super) fn extrinsics(frame: &str, reference: &str, turn: DQuat, shift: DVec3) -> Result<Vec<u8>, CdrError> {
     let inverse = turn.normalize().conjugate();
     let shift = -(inverse * shift);
     let [x, y, z, w] = inverse.to_array();

@@ -16,6 +16,8 @@ pub(crate) const COLOR_ENCODINGS: &str =
 pub(crate) const DEPTH_ENCODINGS: &str =
     "16UC1, mono16, 32FC1, or CompressedImage with PNG of 16 bits or compressedDepth";
 
+/// Encoding of Orbbec's images that are JPEG files.
+const JPEG: &str = "mjpg";
 /// First bytes of every PNG, and the place of its bit depth.
 const PNG_START: &[u8] = b"\x89PNG";
 const BIT_DEPTH_AT: usize = 24;
@@ -70,6 +72,7 @@ pub(crate) fn raw_kind(topic: &str, encoding: &str) -> ImageKind {
         "16UC1" | "32FC1" => ImageKind::Depth,
         // Infrared cameras use it, too.
         "mono16" if is_named_depth(topic) => ImageKind::Depth,
+        JPEG => ImageKind::Color,
         encoding if color_encoding(encoding).is_some() => ImageKind::Color,
         _ => ImageKind::Other,
     }
@@ -116,6 +119,9 @@ fn is_compressed_depth(format: &str) -> bool {
 
 /// Decodes a colour image. `path` is named in errors.
 pub(crate) fn raw_color(message: &RawImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
+    if message.encoding == JPEG {
+        return decode_color(path, message.data);
+    }
     let encoding = color_encoding(message.encoding)
         .ok_or_else(|| unknown_encoding(path, COLOR_IMAGE, message.encoding, COLOR_ENCODINGS))?;
     let (width, row_bytes) = match encoding {

@@ -24,9 +24,12 @@ impl<'a> SdkTopic<'a> {
     }
 }
 
-/// Splits a topic's name into its sensor, the number of its device, and the rest.
+/// Splits a topic's name into its sensor, the number of its device, and the rest. Orbbec's SDK has one device, `/cam`.
 fn sensor_of(topic: &str) -> Option<(&str, &str, &str)> {
-    let (device, rest) = topic.strip_prefix("/device_")?.split_once('/')?;
+    let (device, rest) = match topic.strip_prefix("/cam/") {
+        Some(rest) => ("0", rest),
+        None => topic.strip_prefix("/device_")?.split_once('/')?,
+    };
     let (sensor, rest) = rest.strip_prefix("sensor_")?.split_once('/')?;
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     if !is_number(device) || !is_number(sensor) {
@@ -38,7 +41,8 @@ fn sensor_of(topic: &str) -> Option<(&str, &str, &str)> {
 
 /// Returns true if a topic has the unit of a sensor's depth.
 pub(crate) fn is_depth_unit(topic: &str) -> bool {
-    sensor_of(topic).is_some_and(|(_, _, rest)| matches!(rest, "option/Depth_Units/value" | "option/Depth Units/value"))
+    let names = ["option/Depth_Units/value", "option/Depth Units/value", "depth_unit"];
+    sensor_of(topic).is_some_and(|(_, _, rest)| names.contains(&rest))
 }
 
 /// Returns true if a topic has the place of a stream on its camera.

@@ -25,6 +25,7 @@ mod messages;
 mod mvpd;
 mod nerfstudio;
 mod open;
+mod orbbec;
 mod own_camera;
 mod polycam;
 mod r3d;

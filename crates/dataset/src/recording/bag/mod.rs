@@ -2,9 +2,11 @@
 //!
 //! Records are read one after the other, not by the index, which a bag that was not closed has not. An uncompressed chunk
 //! is read like records outside chunks, so that one that was cut off is read as far as it goes. Messages are converted to
-//! CDR (`transcoder.rs`), by the definition of their type that the bag carries (`definitions.rs`).
+//! CDR (`transcoder.rs`), by the definition of their type that the bag carries (`definitions.rs`); those of Orbbec's SDK have
+//! a converter of their own (`orbbec.rs`).
 
 mod definitions;
+mod orbbec;
 mod records;
 mod transcoder;
 
@@ -33,7 +35,15 @@ const CONNECTION_BYTES: u64 = 4096;
 #[derive(Debug, Default)]
 pub(super) struct Connections {
     /// By number. `None` for those whose messages are not converted.
-    by_number: BTreeMap<u32, Option<Transcoder>>,
+    by_number: BTreeMap<u32, Option<Conversion>>,
+    orbbec: orbbec::Recorded,
+}
+
+/// How the messages of a connection are converted.
+#[derive(Debug)]
+enum Conversion {
+    ByDefinition(Transcoder),
+    OfOrbbec(orbbec::Content),
 }
 
 impl Connections {
@@ -44,8 +54,14 @@ impl Connections {
     pub(super) fn transcoded(&self, record: &[u8]) -> Result<Vec<u8>, String> {
         let (header, data, _) = split_record(record).ok_or("a record that is cut off")?;
         let number = Header::parse(header).and_then(|header| header.connection);
-        let transcoder = number.and_then(|number| self.by_number.get(&number)?.as_ref());
-        transcoder.ok_or("a message of another topic")?.transcode(data)
+        let conversion = number.and_then(|number| self.by_number.get(&number)?.as_ref());
+        match conversion.ok_or("a message of another topic")? {
+            Conversion::ByDefinition(transcoder) => transcoder.transcode(data),
+            Conversion::OfOrbbec(content) => {
+                let messages = content.convert(data, &mut self.orbbec.clone())?;
+                messages.into_iter().next().map(|(_, data)| data).ok_or_else(|| "no message".to_owned())
+            }
+        }
     }
 }
 
@@ -330,14 +346,23 @@ impl Scan<'_, '_> {
             found.map(|(_, value)| String::from_utf8_lossy(value).into_owned()).unwrap_or_default()
         };
         let (type_name, definition) = (value(b"type"), value(b"message_definition"));
+        let topic = String::from_utf8_lossy(topic);
+        if let Some(content) = orbbec::Content::of(&topic, &type_name, &definition) {
+            self.connections.by_number.insert(number, Some(Conversion::OfOrbbec(content)));
+            for (added, topic, type_name) in content.channels(&topic) {
+                let id = u64::from(number) + added;
+                self.sink.channel(&Channel { id, topic: &topic, type_name, encoding: "cdr" })?;
+            }
+            return Ok(());
+        }
         let transcoder = Transcoder::new(&type_name, &definition);
         let (type_name, encoding) = match &transcoder {
             Some(Ok(transcoder)) => (transcoder.type_name().to_owned(), "cdr".to_owned()),
             Some(Err(what)) => (type_name, format!("ros1, {what}")),
             None => (type_name, "ros1".to_owned()),
         };
-        self.connections.by_number.insert(number, transcoder.and_then(Result::ok));
-        let topic = String::from_utf8_lossy(topic);
+        let conversion = transcoder.and_then(Result::ok).map(Conversion::ByDefinition);
+        self.connections.by_number.insert(number, conversion);
         self.sink.channel(&Channel { id: number.into(), topic: &topic, type_name: &type_name, encoding: &encoding })
     }
 
@@ -347,10 +372,18 @@ impl Scan<'_, '_> {
             self.report("a message without a number or time is damaged");
             return Ok(());
         };
-        let transcoder = self.connections.by_number.get(&number).and_then(Option::as_ref);
-        // Nothing is kept of messages that are not converted.
-        let converted = transcoder.map_or_else(|| Ok(Vec::new()), |transcoder| transcoder.transcode(data));
-        let data = converted.as_ref().map(Vec::as_slice).map_err(String::as_str);
-        self.sink.message(&FoundMessage { channel: number.into(), log_time, place, data })
+        let converted = match self.connections.by_number.get(&number).and_then(Option::as_ref) {
+            // Nothing is kept of messages that are not converted.
+            None => Ok(vec![(0, Vec::new())]),
+            Some(Conversion::ByDefinition(transcoder)) => transcoder.transcode(data).map(|data| vec![(0, data)]),
+            Some(Conversion::OfOrbbec(content)) => content.convert(data, &mut self.connections.orbbec),
+        };
+        let mut pass = |added: u64, data: Result<&[u8], &str>| {
+            self.sink.message(&FoundMessage { channel: u64::from(number) + added, log_time, place, data })
+        };
+        match converted {
+            Ok(messages) => messages.iter().try_for_each(|(added, data)| pass(*added, Ok(data))),
+            Err(error) => pass(0, Err(&error)),
+        }
     }
 }

@@ -1,9 +1,11 @@
 //! Small scenes on disk, valid until a test damages them.
 #![allow(dead_code)] // The test of memory and the example use a part.
 
+pub mod bag;
 pub mod mcap;
 pub mod mkv;
 pub mod mvpd;
+pub mod orbbec;
 pub mod phones;
 pub mod recording;
 pub mod sens;

@@ -1,0 +1,167 @@
+#!/usr/bin/env python3
+"""Checks that a scene gives the same ids and poses in every format of recordings.
+
+    pip install rosbags==0.11.9 mcap mcap-ros2-support numpy pillow        # in a virtual environment
+    python tools/compare_recordings.py SPLATSEG SCENE [--folder DIR] [--only NAME,...]
+
+SCENE has the layout of ScanNet, with ground truth, e.g. ../shared/data/kitchen-dev. It is written as
+
+    db3, bag, mcap       by the package rosbags (tools/make_bag_test_data.py)
+    transforms           nerfstudio's transforms.json, with the images beside it
+    r3d                  Record3D
+    converted            `splatseg convert SCENE`, and `splatseg convert` of each of the others: converted_db3 and so on
+
+Each is run with the same settings and compared with SCENE: the share of pixels with equal ids, the largest difference of a
+number in poses.txt, and VSQ against the ground truth of SCENE. Limits: 99.9 % of the pixels and 1e-6, but for r3d only 1 VSQ.
+Exit code: 0 within the limits, 1 not, 2 bad usage or the program failed.
+"""
+
+import argparse
+import json
+import struct
+import subprocess
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+
+import numpy
+from make_bag_test_data import write_scene
+from make_mcap_test_data import quaternion
+from PIL import Image
+
+LEAST_EQUAL, MOST_APART, MOST_VSQ_APART = 0.999, 1e-6, 1.0
+# From axes x right, y down, z forward to OpenGL's.
+OPENGL = numpy.diag([1.0, -1.0, -1.0, 1.0])
+
+
+class Scene:
+    """A scene in the layout of ScanNet."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        colors = sorted((int(path.stem), path) for path in (folder / "color").iterdir())
+        self.colors = [path for _, path in colors]
+        self.depths = [folder / f"depth/{stem}.png" for stem, _ in colors]
+        self.poses = [numpy.loadtxt(folder / f"pose/{stem}.txt") for stem, _ in colors]
+        self.k = numpy.loadtxt(folder / "intrinsic/intrinsic_color.txt")
+        self.size = Image.open(self.colors[0]).size
+
+
+def write_transforms(scene, folder):
+    """Writes nerfstudio's list of frames, which counts the principal point from the image's corner."""
+    folder.mkdir(parents=True)
+    frames = []
+    for index, (color, depth, pose) in enumerate(zip(scene.colors, scene.depths, scene.poses, strict=True)):
+        names = [f"{index:06}{color.suffix}", f"{index:06}.png"]
+        if names[0] == names[1]:
+            names[1] = f"depth_{index:06}.png"
+        for name, path in zip(names, [color, depth], strict=True):
+            (folder / name).write_bytes(path.read_bytes())
+        matrix = (pose @ OPENGL).tolist()
+        frames.append({"file_path": names[0], "depth_file_path": names[1], "transform_matrix": matrix})
+    k, (width, height) = scene.k, scene.size
+    camera = {"fl_x": k[0, 0], "fl_y": k[1, 1], "cx": k[0, 2] + 0.5, "cy": k[1, 2] + 0.5, "w": width, "h": height}
+    (folder / "transforms.json").write_text(json.dumps(camera | {"frames": frames}))
+    return folder
+
+
+def lzfse(data):
+    """Wraps bytes as LZFSE, as a block that is not compressed."""
+    return b"bvx-" + struct.pack("<I", len(data)) + data + b"bvx$"
+
+
+def write_r3d(scene, path):
+    """Writes a file of Record3D: JPEG colour, depth in metres, poses with OpenGL's axes."""
+    k, (width, height) = scene.k, scene.size
+    poses = []
+    with zipfile.ZipFile(path, "w") as archive:
+        for index, (color, depth, pose) in enumerate(zip(scene.colors, scene.depths, scene.poses, strict=True)):
+            matrix = pose @ OPENGL
+            poses.append([*quaternion(matrix[:3, :3]), *matrix[:3, 3]])
+            metres = numpy.asarray(Image.open(depth)).astype(numpy.float32) / 1000
+            archive.writestr(f"rgbd/{index}.jpg", color.read_bytes())
+            archive.writestr(f"rgbd/{index}.depth", lzfse(metres.astype("<f4").tobytes()))
+            archive.writestr(f"rgbd/{index}.conf", lzfse(numpy.full(metres.shape, 2, numpy.uint8).tobytes()))
+        size = {"w": width, "h": height, "dw": metres.shape[1], "dh": metres.shape[0]}
+        columns = [k[0, 0], 0, 0, 0, k[1, 1], 0, k[0, 2], k[1, 2], 1]
+        archive.writestr("metadata", json.dumps(size | {"fps": 30, "K": columns, "poses": poses}))
+    return path
+
+
+def splatseg(program, *arguments):
+    finished = subprocess.run([program, *map(str, arguments)], check=False, capture_output=True, text=True)
+    if finished.returncode != 0:
+        print(f"{' '.join(map(str, arguments))} ended with {finished.returncode}: {finished.stderr[-1000:]}")
+        sys.exit(2)
+    return finished.stdout
+
+
+def run(program, scene, out):
+    splatseg(program, "run", scene, "--out", out, "--overwrite", "--no-page", "--quiet")
+    images = [numpy.asarray(Image.open(path)).astype(numpy.int64) for path in sorted((out / "segments").iterdir())]
+    lines = (out / "poses.txt").read_text().splitlines()
+    # Times are those of each format.
+    poses = numpy.array([line.split()[1:] for line in lines if not line.startswith("#")], dtype=float)
+    return images, poses
+
+
+def vsq(program, out, truth):
+    return json.loads(splatseg(program, "eval", "--pred", out, "--gt", truth, "--allow-other-scene", "--json"))["vsq"]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("program")
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("--folder", type=Path, help="where the recordings are written and kept")
+    parser.add_argument("--only", type=lambda text: text.split(","), help="names of formats")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = arguments.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        sys.exit(compare(arguments, folder))
+
+
+def write(arguments, scene, folder):
+    """Writes the recordings. Returns their paths by name."""
+    recordings = {name: folder / f"kitchen.{name}" for name in ("db3", "bag", "mcap")}
+    if not recordings["bag"].exists():
+        write_scene(folder, scene.folder)
+        write_transforms(scene, folder / "transforms")
+        write_r3d(scene, folder / "kitchen.r3d")
+    recordings |= {"transforms": folder / "transforms", "r3d": folder / "kitchen.r3d"}
+    for name, path in ({"": scene.folder} | recordings).items():
+        converted = f"converted_{name}".rstrip("_")
+        if arguments.only is None or converted in arguments.only:
+            recordings[converted] = folder / f"{converted}.mcap"
+            splatseg(arguments.program, "convert", path, recordings[converted], "--overwrite", "--quiet")
+    return {name: path for name, path in recordings.items() if arguments.only is None or name in arguments.only}
+
+
+def compare(arguments, folder):
+    scene = Scene(arguments.scene)
+    expected, poses = run(arguments.program, scene.folder, folder / "out_scene")
+    score = vsq(arguments.program, folder / "out_scene", scene.folder)
+    print(f"{'format':<20} {'MB':>7} {'equal pixels':>13} {'poses apart':>12} {'VSQ':>7}")
+    print(f"{'scene':<20} {'':>7} {'':>13} {'':>12} {score:7.2f}")
+    is_good = True
+    for name, path in write(arguments, scene, folder).items():
+        out = folder / f"out_{name}"
+        found, found_poses = run(arguments.program, path, out)
+        equal = numpy.mean([(one == other).mean() for one, other in zip(found, expected, strict=True)])
+        apart = numpy.abs(found_poses - poses).max()
+        found_score = vsq(arguments.program, out, scene.folder)
+        is_within = abs(found_score - score) <= MOST_VSQ_APART
+        if not name.endswith("r3d"):
+            is_within = is_within and equal >= LEAST_EQUAL and apart <= MOST_APART
+        is_good = is_good and is_within
+        files = [path] if path.is_file() else path.iterdir()
+        size = sum(file.stat().st_size for file in files) / 1e6
+        line = f"{name:<20} {size:7.1f} {100 * equal:12.3f}% {apart:12.1e} {found_score:7.2f}"
+        print(line + ("" if is_within else "  BEYOND THE LIMITS"), flush=True)
+    return 0 if is_good else 1
+
+
+if __name__ == "__main__":
+    main()
