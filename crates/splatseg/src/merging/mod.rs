@@ -66,7 +66,7 @@ pub fn merge_maps(earlier: NamedMap, later: NamedMap, options: &MergeOptions) ->
     let keyframes = erase_surfaces(keyframes, *first_later, &removed(&earlier.memory.map(), &kept))?;
     earlier.memory.keep_gaussians(&kept);
     let joined_ids = earlier.memory.join(later.memory, *first_later, &changed.same())?;
-    let (names, conflicts) = joined_names(&earlier.names, &later.names, &joined_ids)?;
+    let (names, conflicts) = joined_names(&earlier.names, &later.names, &joined_ids, &fit.earlier_from_later)?;
     (earlier.names, earlier.keyframes) = (names, Some(keyframes));
     earlier.names.keep_only(&earlier.memory.map().carried_ids());
     let report = MergeReport::new(fit, &ids, &joined_ids, &earlier, changed, conflicts);

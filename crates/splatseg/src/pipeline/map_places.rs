@@ -1,11 +1,11 @@
-//! The plan of a saved map.
+//! The plan of a map.
 
 use super::{NamedMap, depth_views};
 use splatseg_odometry::PoseSourceError;
 use splatseg_places::{FloorPlan, PlanError, PlanSettings};
 use thiserror::Error;
 
-/// Why a saved map has no plan.
+/// Why a map has no plan.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum MapPlanError {
@@ -18,13 +18,15 @@ pub enum MapPlanError {
 }
 
 impl NamedMap {
-    /// The plan of the map: its floor, free space, rooms and the objects in them.
+    /// The plan of the map: its floor, free space, rooms with their names, and the objects in them.
     ///
     /// # Errors
     /// If the map has no keyframes or they are damaged, and as [`FloorPlan::new`].
     pub fn floor_plan(&self, settings: PlanSettings) -> Result<FloorPlan, MapPlanError> {
         let keyframes =
             self.keyframes.as_deref().map_or_else(|| Ok(Vec::new()), |keyframes| depth_views(keyframes, None))?;
-        Ok(FloorPlan::new(&self.memory.map(), &keyframes, settings)?)
+        let mut plan = FloorPlan::new(&self.memory.map(), &keyframes, settings)?;
+        plan.name_rooms(&self.names);
+        Ok(plan)
     }
 }
