@@ -5,6 +5,7 @@ use splatseg_dataset::read_segments_png;
 use splatseg_geometry::{CowImage, FrameAnchor, MapView, Pose, RemappedId, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_objects::{MapChanges, ObjectList, ObjectSighting, RemapLog};
 use splatseg_odometry::PoseState;
+use splatseg_places::FloorPlan;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 
@@ -58,6 +59,8 @@ pub struct RunEnd<'a> {
     pub objects: &'a ObjectList,
     /// The map, if the method has one.
     pub map: Option<MapView<'a>>,
+    /// The plan of the map, if it has keyframes that show a floor.
+    pub plan: Option<&'a FloorPlan>,
     /// For each frame passed to [`RunOutput::add_frame`], the correction of its pose since then: new world coordinates
     /// from old ones. `None` if the pose has not changed; frames past the end have not changed either.
     pub pose_corrections: &'a [Option<Pose>],

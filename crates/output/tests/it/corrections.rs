@@ -136,6 +136,7 @@ fn write_run(path: &Path, stops: &[usize], corrections: &[Option<Pose>]) {
         scene: "room",
         objects: &objects,
         map: None,
+        plan: None,
         pose_corrections: corrections,
         remaps: &remaps,
         changes: None,

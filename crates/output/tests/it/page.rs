@@ -69,7 +69,15 @@ fn page(frames: usize, scene: &str, name: impl Fn(usize) -> String) -> Files {
     }
     let objects = ObjectList::new(&log, None);
     let remaps = RemapLog::default();
-    let end = RunEnd { scene, objects: &objects, map: None, pose_corrections: &[], remaps: &remaps, changes: None };
+    let end = RunEnd {
+        scene,
+        objects: &objects,
+        map: None,
+        plan: None,
+        pose_corrections: &[],
+        remaps: &remaps,
+        changes: None,
+    };
     page.finish(&end, &mut files).unwrap();
     files
 }

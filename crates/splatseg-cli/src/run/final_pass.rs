@@ -7,12 +7,12 @@
 use super::RunJob;
 use super::frame_history::{EarlierFrame, FrameHistory};
 use super::frame_loop::{EarlyEnd, LoopOutcome};
-use super::name_objects;
 use super::outputs;
 use super::progress::Progress;
 use super::result_writer::WriterOutcome;
 use super::shown_frames;
 use super::stop_signals::StopSignals;
+use super::{floor_plan, name_objects};
 use crate::output_folder::result_files;
 use rayon::current_num_threads;
 use rayon::prelude::*;
@@ -156,10 +156,12 @@ impl FinalPass<'_> {
     fn finish(&self, pipeline: &Pipeline, written: &mut WriterOutcome, changes: Option<ChangesSince<'_>>) {
         let mut objects = pipeline.object_list();
         pipeline.add_relations(&mut objects);
+        let plan = floor_plan(self.job, pipeline);
         let end = RunEnd {
             scene: &self.job.scene.display().to_string(),
             objects: &objects,
             map: pipeline.map(),
+            plan: plan.as_ref(),
             pose_corrections: &[],
             remaps: &RemapLog::default(),
             changes,

@@ -54,6 +54,7 @@ use splatseg_files::read_file;
 use splatseg_objects::MapChanges;
 use splatseg_odometry::StateScope;
 use splatseg_output::{ChangesSince, Page, ResultFolder, RunEnd, RunOutput};
+use splatseg_places::{FloorPlan, PlanSettings};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -240,9 +241,11 @@ fn execute_with(
     if !has_final_pass {
         name_objects(&mut pipeline)?;
     }
-    let history = finish_outputs(job, scene.as_ref(), &pipeline, &mut ended, changes);
-    let online = started.elapsed();
     let is_complete = ended.early.is_none() && ended.written.first_error.is_none() && ended.written.frames > 0;
+    // The final pass changes the footprints, so that it makes the plan.
+    let plan = if has_final_pass && is_complete { None } else { floor_plan(job, &pipeline) };
+    let history = finish_outputs(job, scene.as_ref(), &pipeline, &mut ended, (plan.as_ref(), changes));
+    let online = started.elapsed();
     let final_pass = (has_final_pass && is_complete).then(|| {
         let pass = FinalPass { job, scene: &scene, signals: &signals };
         pass.run(&mut pipeline, &history, &mut ended, changes).then(|| started.elapsed() - online)
@@ -270,7 +273,7 @@ fn finish_outputs(
     scene: &dyn Scene,
     pipeline: &Pipeline,
     ended: &mut LoopOutcome,
-    changes: Option<ChangesSince<'_>>,
+    (plan, changes): (Option<&FloorPlan>, Option<ChangesSince<'_>>),
 ) -> FrameHistory {
     let history = std::mem::take(&mut ended.written.history);
     if ended.written.frames == 0 {
@@ -287,12 +290,18 @@ fn finish_outputs(
         scene: &job.scene.display().to_string(),
         objects: &objects,
         map: pipeline.map(),
+        plan,
         pose_corrections: &history.pose_corrections(&keyframes),
         remaps: history.remaps(),
         changes,
     };
     ended.written.for_each_output(|output, folder| output.finish(&end, folder));
     history
+}
+
+/// The floor plan for the page. None if the map shows no floor, as that of a table.
+fn floor_plan(job: &RunJob, pipeline: &Pipeline) -> Option<FloorPlan> {
+    job.settings.run.page.then(|| pipeline.floor_plan(PlanSettings::default()).ok()).flatten()
 }
 
 /// Writes what has changed since a loaded map. Returns `None` if that is unknown.

@@ -20,7 +20,7 @@ const CAMERA: Intrinsics = Intrinsics { fx: 200.0, fy: 200.0, cx: 159.5, cy: 119
 const DISTANCE_M: f32 = 2.0;
 
 /// A result folder without a manifest.
-struct Folder<'a>(&'a Path);
+pub struct Folder<'a>(pub &'a Path);
 
 impl ResultFolder for Folder<'_> {
     fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError> {
@@ -86,8 +86,15 @@ fn write_page(folder: &Path) -> usize {
     }
     let objects = ObjectList::new(&log, Some(memory.map()));
     let (scene, map_at_end, remaps) = ("wall of tiles", Some(memory.map()), RemapLog::default());
-    let end =
-        RunEnd { scene, objects: &objects, map: map_at_end, pose_corrections: &[], remaps: &remaps, changes: None };
+    let end = RunEnd {
+        scene,
+        objects: &objects,
+        map: map_at_end,
+        plan: None,
+        pose_corrections: &[],
+        remaps: &remaps,
+        changes: None,
+    };
     page.finish(&end, &mut Folder(folder)).unwrap();
     memory.gaussian_count()
 }

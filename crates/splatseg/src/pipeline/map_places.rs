@@ -1,7 +1,7 @@
 //! The plan of a map.
 
-use super::{NamedMap, depth_views};
-use splatseg_odometry::PoseSourceError;
+use super::{NamedMap, Pipeline, depth_views};
+use splatseg_odometry::{PoseSourceError, StateScope};
 use splatseg_places::{FloorPlan, PlanError, PlanSettings};
 use thiserror::Error;
 
@@ -27,6 +27,21 @@ impl NamedMap {
             self.keyframes.as_deref().map_or_else(|| Ok(Vec::new()), |keyframes| depth_views(keyframes, None))?;
         let mut plan = FloorPlan::new(&self.memory.map(), &keyframes, settings)?;
         plan.name_rooms(&self.names);
+        Ok(plan)
+    }
+}
+
+impl Pipeline {
+    /// The plan of the map as it is now, as [`NamedMap::floor_plan`].
+    ///
+    /// # Errors
+    /// As [`NamedMap::floor_plan`]. A method without a map has no keyframes.
+    pub fn floor_plan(&self, settings: PlanSettings) -> Result<FloorPlan, MapPlanError> {
+        let (Some(map), Some(keyframes)) = (self.map(), self.saved_poses(StateScope::Map)) else {
+            return Err(PlanError::NoKeyframes.into());
+        };
+        let mut plan = FloorPlan::new(&map, &depth_views(&keyframes, None)?, settings)?;
+        plan.name_rooms(self.names());
         Ok(plan)
     }
 }
