@@ -1,6 +1,6 @@
 //! The rooms of `objects.json`.
 
-use crate::ObjectList;
+use crate::{ObjectList, RoomNameSource};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
@@ -13,6 +13,9 @@ pub struct ListedRoom {
     pub id: u32,
     /// Its name; null without one.
     pub name: Option<String>,
+    /// Who gave the name; null without one.
+    #[serde(default)]
+    pub name_source: Option<RoomNameSource>,
     /// Area of its floor, furniture included, square metres.
     pub area_m2: f64,
     /// Where it is widest: a point on the floor, world coordinates, metres.

@@ -10,8 +10,10 @@
 //! | `details.json` | text | a list of `n` objects with what else is known of a label (score, alternatives, `by_hand`), or `null` |
 //! | `embedding_id` | `u32 [m]` | the objects that have an embedding, in the same order |
 //! | `embedding` | `f32 [m, d]` | their embeddings |
+//! | `rooms.json` | text | the names of rooms: a list of `place` and `name`; missing without any |
 
 use crate::old_names;
+use crate::room_names::{RoomName, RoomNames};
 use serde::{Deserialize, Serialize};
 use splatseg_files::{StateBlock, StateError};
 use splatseg_geometry::{RemappedId, SegmentId};
@@ -106,6 +108,7 @@ pub struct ObjectNames {
     embeddings: usize,
     /// Size of all labels and embeddings.
     bytes: usize,
+    rooms: RoomNames,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -152,7 +155,7 @@ impl ObjectName {
     }
 }
 
-fn check_label(label: &str) -> Result<(), NameError> {
+pub(crate) fn check_label(label: &str) -> Result<(), NameError> {
     let problem = if label.len() > MAX_LABEL_BYTES {
         "more than 1000 bytes"
     } else if label.chars().any(char::is_control) {
@@ -164,9 +167,19 @@ fn check_label(label: &str) -> Result<(), NameError> {
 }
 
 impl ObjectNames {
-    /// True if no object was named.
+    /// True if no object and no room was named.
     pub fn is_empty(&self) -> bool {
-        self.names.is_empty()
+        self.names.is_empty() && self.rooms.is_empty()
+    }
+
+    /// The names of rooms that a person gave.
+    pub fn rooms(&self) -> &RoomNames {
+        &self.rooms
+    }
+
+    /// As [`Self::rooms`], to change them.
+    pub fn rooms_mut(&mut self) -> &mut RoomNames {
+        &mut self.rooms
     }
 
     /// The label of an object.
@@ -284,7 +297,7 @@ impl ObjectNames {
         self.remove(id);
     }
 
-    /// Drops all names but those that a person gave.
+    /// Drops all names of objects but those that a person gave.
     pub fn keep_by_hand(&mut self) {
         let others = self.names.iter().filter(|(_, named)| !named.name.by_hand);
         let others: Vec<SegmentId> = others.map(|(id, _)| *id).collect();
@@ -366,7 +379,10 @@ impl ObjectNames {
                 embedded().flat_map(|(_, named)| named.name.embedding.iter().copied()),
             );
         }
-        // The header of six arrays is never too long.
+        if let Some(rooms) = self.rooms.to_json() {
+            block.put_json("rooms.json", &rooms);
+        }
+        // The header of seven arrays is never too long.
         block.to_bytes().unwrap_or_default()
     }
 
@@ -379,7 +395,8 @@ impl ObjectNames {
         let block = StateBlock::from_bytes(bytes).map_err(damaged)?;
         let text: Vec<u8> = block.get(StateBlock::OLD_TEXT, &[]).map_err(damaged)?;
         let saved = if text.is_empty() { saved_names(&block).map_err(damaged)? } else { old_names::converted(&text)? };
-        let mut names = Self::default();
+        let rooms: Vec<RoomName> = block.get_json("rooms.json").map_err(damaged)?.unwrap_or_default();
+        let mut names = Self { rooms: RoomNames::checked(rooms)?, ..Self::default() };
         for SavedName { id, name, score } in saved {
             let wrong = |problem: &str| NameError::Damaged(format!("object {id} {problem}"));
             if id == 0 || names.names.contains_key(&id) {

@@ -1,7 +1,7 @@
 //! The scene graph: rooms, their objects, and the relations between them. `docs/scene_graph.schema.json` is its schema.
 
 use crate::list::outer_lines;
-use crate::{ObjectList, OrientedBox, Relation};
+use crate::{ObjectList, OrientedBox, Relation, RoomNameSource};
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::SegmentId;
@@ -33,6 +33,9 @@ pub struct SceneRoom {
     pub id: u32,
     /// Its name; null without one.
     pub name: Option<String>,
+    /// Who gave the name; missing without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name_source: Option<RoomNameSource>,
     /// The objects in it, by id.
     pub objects: Vec<SegmentId>,
 }
@@ -90,7 +93,12 @@ impl SceneGraph {
         };
         let mut objects: Vec<SceneObject> = list.objects.iter().map(object).collect();
         objects.sort_by_key(|object| object.id);
-        let whole = SceneRoom { id: 1, name: None, objects: objects.iter().map(|object| object.id).collect() };
+        let whole = SceneRoom {
+            id: 1,
+            name: None,
+            name_source: None,
+            objects: objects.iter().map(|object| object.id).collect(),
+        };
         Self {
             format: Self::FORMAT.to_owned(),
             version: Self::VERSION,
@@ -102,14 +110,17 @@ impl SceneGraph {
         }
     }
 
-    /// Replaces the rooms: the name of each, and the room of each object that is in one.
-    pub fn set_rooms(&mut self, names: &BTreeMap<u32, Option<String>>, rooms: &BTreeMap<SegmentId, u32>) {
+    /// Replaces the rooms by others, whose objects are those that `rooms` has in them.
+    pub fn set_rooms(&mut self, mut others: Vec<SceneRoom>, rooms: &BTreeMap<SegmentId, u32>) {
         for object in &mut self.objects {
-            object.room = rooms.get(&object.id).copied().filter(|room| names.contains_key(room));
+            let room = rooms.get(&object.id).copied();
+            object.room = room.filter(|room| others.iter().any(|other| other.id == *room));
         }
-        let of = |room: u32| self.objects.iter().filter(|one| one.room == Some(room)).map(|one| one.id).collect();
-        self.rooms =
-            names.iter().map(|(room, name)| SceneRoom { id: *room, name: name.clone(), objects: of(*room) }).collect();
+        for room in &mut others {
+            let inside = self.objects.iter().filter(|object| object.room == Some(room.id));
+            room.objects = inside.map(|object| object.id).collect();
+        }
+        self.rooms = others;
     }
 
     /// The JSON text, with one line for each room, object and relation.

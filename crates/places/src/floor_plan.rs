@@ -71,6 +71,10 @@ impl FloorPlan {
         &self.rooms.rooms
     }
 
+    pub(crate) fn rooms_mut(&mut self) -> &mut [Room] {
+        &mut self.rooms.rooms
+    }
+
     /// The room at a place, in the plan's coordinates.
     pub fn room_at(&self, place: DVec2) -> Option<&Room> {
         self.room(self.room_of_cell(self.grid.shape.cell_at(place)?))

@@ -20,6 +20,8 @@ mod outline;
 mod picture;
 mod plan_file;
 mod plan_frame;
+mod room_kinds;
+mod room_naming;
 mod rooms;
 mod route;
 mod settings;

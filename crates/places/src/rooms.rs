@@ -10,6 +10,7 @@ use crate::columns::ColumnContent;
 use crate::grid::{Cell, GridShape, OccupancyGrid};
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
+use splatseg_objects::RoomNameSource;
 use std::collections::{BTreeMap, VecDeque};
 
 /// Widest door, half its width, metres.
@@ -35,6 +36,9 @@ pub struct Room {
     /// Its name, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
+    /// Who gave the name.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name_source: Option<RoomNameSource>,
     /// Where it is widest, in the plan's coordinates, metres.
     pub middle: DVec2,
     /// Area of its floor, furniture included, square metres.
@@ -197,7 +201,7 @@ impl Basins {
         for (basin, id) in order.iter().zip(1..) {
             cells[basin].iter().for_each(|cell| of_cell[*cell] = id);
             let (middle, area_m2) = (shape.center(self.peak[*basin]), cells[basin].len() as f64 * cell_area);
-            rooms.push(Room { id, name: None, middle, area_m2, doors: Vec::new() });
+            rooms.push(Room { id, name: None, name_source: None, middle, area_m2, doors: Vec::new() });
         }
         add_doors(shape, width, &of_cell, &mut rooms);
         let is_floor = of_cell.iter().map(|room| *room != 0).collect();

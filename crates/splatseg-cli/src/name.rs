@@ -1,4 +1,4 @@
-//! `splatseg name`: gives the objects of a saved memory names, by hand, from a file, or with a network.
+//! `splatseg name`: gives the objects and rooms of a saved memory names, by hand, from a file, or with a network.
 
 use super::Failure;
 use super::terminal::counted;
@@ -7,6 +7,8 @@ use splatseg::names::ClipNames;
 use splatseg::pipeline::NamedMap;
 use splatseg_files::{read_file, text_of};
 use splatseg_geometry::SegmentId;
+use splatseg_objects::RoomNameSource;
+use splatseg_places::{FloorPlan, PlanSettings};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -17,17 +19,18 @@ const MAX_LABELS_BYTES: u64 = 1 << 20;
 #[command(after_long_help = "Examples:\n  \
     splatseg name map.ply                                    # lists the objects and their names\n  \
     splatseg name map.ply 15=mug 7=\"office chair\" 9=          # by hand; `9=` takes a label away\n  \
+    splatseg name map.ply room:2=kitchen room:1=             # rooms, with the numbers of the list\n  \
     splatseg name map.ply --labels names.csv                 # lines of id,label\n  \
     splatseg name map.ply --names pe-core-s16.safetensors    # from the pictures in the map\n\n\
     The map is changed in place, unless --out names another file. No network replaces a label given by hand:\n\
-    docs/NAMES.md.")]
+    docs/NAMES.md. The name of a room belongs to the place where the room is, so that it stays when numbers change.")]
 pub struct NameArguments {
     /// The map: a memory saved by `run --save-memory`, `live --map` or a program
     pub map: PathBuf,
-    /// Labels by hand: the id of an object, `=`, and its label
+    /// Labels by hand: the id of an object, or `room:` and the number of a room, `=`, and its label
     #[arg(value_name = "ID=LABEL")]
     pub given: Vec<String>,
-    /// File of labels by hand: a line for each object, with id and label and a comma between
+    /// File of labels by hand: a line for each object or room, with id and label and a comma between
     #[arg(long, value_name = "FILE.csv")]
     pub labels: Option<PathBuf>,
     /// Network for images and words: a .safetensors of CLIP or Perception Encoder
@@ -66,7 +69,8 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
     let mut map = NamedMap::load(path).map_err(Failure::input)?;
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     let ids = map.memory.map().carried_ids();
-    if let Some((id, _)) = labels.iter().find(|(id, _)| !ids.contains(id)) {
+    let unknown = |target: &Target| matches!(target, Target::Object(id) if !ids.contains(id));
+    if let Some((Target::Object(id), _)) = labels.iter().find(|(target, _)| unknown(target)) {
         return Err(wrong(format!("found no object {id}, expected one of {}", listed(&ids))));
     }
     if let Some(network) = &arguments.names {
@@ -77,8 +81,21 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
             return Err(wrong("its keyframes show no object in colour, so the network has nothing to see".to_owned()));
         }
     }
-    for (id, label) in &labels {
-        map.names.set_by_hand(*id, label.as_deref()).map_err(|error| wrong(format!("object {id}: {error}")))?;
+    let mut plan = None;
+    for (target, label) in &labels {
+        match target {
+            Target::Object(id) => {
+                let named = map.names.set_by_hand(*id, label.as_deref());
+                named.map_err(|error| wrong(format!("object {id}: {error}")))?;
+            }
+            Target::Room(number) => {
+                if plan.is_none() {
+                    plan = Some(floor_plan(&map).map_err(wrong)?);
+                }
+                let named = plan.as_ref().map(|plan| name_room(&mut map, plan, *number, label.as_deref()));
+                named.transpose().map_err(|problem| wrong(format!("room {number}: {problem}")))?;
+            }
+        }
     }
     if arguments.names.is_some() || !labels.is_empty() {
         let out = arguments.out.as_ref().unwrap_or(path);
@@ -86,7 +103,51 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
         inform!("{}: {} with a label", out.display(), counted(map.names.labels().count(), "object"));
     }
     list(&map, &ids);
+    match plan {
+        Some(mut plan) => {
+            plan.name_rooms(&map.names);
+            list_rooms(&plan);
+        }
+        // A map without a floor has no rooms to list.
+        None if labels.is_empty() && arguments.names.is_none() => floor_plan(&map).iter().for_each(list_rooms),
+        None => {}
+    }
     Ok(())
+}
+
+/// What a label is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Target {
+    Object(SegmentId),
+    Room(u32),
+}
+
+fn floor_plan(map: &NamedMap) -> Result<FloorPlan, String> {
+    map.floor_plan(PlanSettings::default()).map_err(|error| error.to_string())
+}
+
+/// Names the room that has a number in the plan, or takes its name away.
+fn name_room(map: &mut NamedMap, plan: &FloorPlan, number: u32, name: Option<&str>) -> Result<(), String> {
+    let room = plan.rooms().iter().find(|room| room.id == number);
+    let room = room.ok_or_else(|| format!("found no such room, expected 1 to {}", plan.rooms().len()))?;
+    let is_in_it = |place| plan.room_around(place).is_some_and(|other| other.id == number);
+    map.names.rooms_mut().remove(is_in_it);
+    match name {
+        Some(name) => map.names.rooms_mut().add(plan.place_of(room), name).map_err(|error| error.to_string()),
+        None => Ok(()),
+    }
+}
+
+/// Lists the rooms with their names and areas.
+fn list_rooms(plan: &FloorPlan) {
+    for room in plan.rooms() {
+        let name = match (&room.name, room.name_source) {
+            (Some(name), Some(RoomNameSource::Derived)) => format!("{name} (from its objects)"),
+            (Some(name), _) => format!("{name} (by hand)"),
+            (None, _) => "without a name".to_owned(),
+        };
+        say!("room:{} {name}, {:.1} m²", room.id, room.area_m2);
+    }
 }
 
 /// Lists everything that has a label, and counts the objects without one.
@@ -108,7 +169,7 @@ fn list(map: &NamedMap, ids: &BTreeSet<SegmentId>) {
 }
 
 /// The labels in a file.
-fn labels_of_file(path: Option<&Path>) -> Result<Vec<(SegmentId, Option<String>)>, Failure> {
+fn labels_of_file(path: Option<&Path>) -> Result<Vec<(Target, Option<String>)>, Failure> {
     let Some(path) = path else { return Ok(Vec::new()) };
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     let bytes = read_file(path, MAX_LABELS_BYTES).map_err(|error| wrong(error.to_string()))?;
@@ -125,15 +186,22 @@ fn labels_of_file(path: Option<&Path>) -> Result<Vec<(SegmentId, Option<String>)
     Ok(labels)
 }
 
-/// An id and a label, with a character between; without a label, that of the object is taken away.
-fn label(text: &str, between: char) -> Result<(SegmentId, Option<String>), String> {
-    let wrong =
-        || format!("found {text:?}, expected the id of an object, {between:?} and a label, e.g. 15{between}mug");
+/// An object or a room and its label, with a character between; without a label, that of before is taken away.
+fn label(text: &str, between: char) -> Result<(Target, Option<String>), String> {
+    let wrong = || {
+        format!(
+            "found {text:?}, expected the id of an object or of a room, {between:?} and a label, e.g. 15{between}mug"
+        )
+    };
     let (id, label) = text.split_once(between).ok_or_else(wrong)?;
-    let id = id.trim().trim_matches('"').parse().map_err(|_| wrong())?;
+    let id = id.trim().trim_matches('"');
+    let target = match id.strip_prefix("room:") {
+        Some(number) => number.parse().map(Target::Room),
+        None => id.parse().map(Target::Object),
+    };
     let label = label.trim();
     let label = label.strip_prefix('"').and_then(|label| label.strip_suffix('"')).unwrap_or(label);
-    Ok((id, (!label.is_empty()).then(|| label.replace("\"\"", "\""))))
+    Ok((target.map_err(|_| wrong())?, (!label.is_empty()).then(|| label.replace("\"\"", "\""))))
 }
 
 /// The first ids, for a message.

@@ -78,6 +78,7 @@ fn rooms_have_the_objects_that_count() {
     let room = |id| ListedRoom {
         id,
         name: None,
+        name_source: None,
         area_m2: 12.5,
         middle: DVec3::ONE,
         outlines: vec![vec![DVec3::ZERO, DVec3::X, DVec3::Y]],

@@ -2,6 +2,7 @@
 
 use super::changes::ChangesData;
 use super::map::MapData;
+use super::plan::PlanData;
 use glam::{DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{Intrinsics, SegmentId};
@@ -41,6 +42,9 @@ pub struct RunData<'a> {
     pub changes: Option<ChangesData>,
     /// The map; missing if the method has no memory.
     pub map: Option<MapData>,
+    /// The floor plan; missing if the map shows no floor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plan: Option<PlanData>,
 }
 
 fn no_stamps(stamps: &&[Option<f64>]) -> bool {

@@ -7,7 +7,7 @@
 //! | --- | --- |
 //! | `index.html` | the page itself, the same for every run |
 //! | `viewer/viewer.js` | its script, with three.js |
-//! | `viewer/run.js` | cameras, objects and map: [`data::RunData`] as JSON |
+//! | `viewer/run.js` | cameras, objects, map and floor plan: [`data::RunData`] as JSON |
 //! | `pictures/*.jpg` | the frames' pictures without overlay, at most 640 pixels wide |
 //! | `viewer/frames-000.js` … | ids of the pixels ([`ids`]) of 64 frames each, loaded on demand |
 //!
@@ -20,6 +20,7 @@ mod data;
 mod ids;
 mod map;
 mod picture;
+mod plan;
 mod sightings;
 
 pub use ids::encode_ids;
@@ -33,6 +34,7 @@ use base64::engine::general_purpose::STANDARD;
 use changes::ChangesData;
 use data::{CameraData, ObjectData, RunData};
 use glam::{DQuat, DVec3};
+use plan::PlanData;
 use serde::{Deserialize, Serialize};
 use sightings::{Sightings, larger};
 use splatseg_geometry::{Pose, RemappedId, SegmentId, UpEstimate};
@@ -270,6 +272,7 @@ impl RunOutput for Page {
             objects: end.objects.all().map(|object| self.object(object)).collect(),
             changes: end.changes.map(|changes| ChangesData::new(&changes, origin)),
             map: end.map.map(|map| map::map_data(&map, origin, |_| true)),
+            plan: end.plan.map(|plan| PlanData::new(plan, origin)),
         };
         let file = "viewer/run.js";
         folder.write(file, format!("var splatsegRun={};\n", json(file, &data)?).as_bytes())?;

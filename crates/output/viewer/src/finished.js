@@ -13,6 +13,7 @@ import { MapView } from "./map_view.js";
 import { ObjectInfo } from "./object_info.js";
 import { ObjectList } from "./object_list.js";
 import { Picture } from "./picture.js";
+import { PlanView } from "./plan_view.js";
 import { Timeline } from "./timeline.js";
 import { Tracks } from "./tracks.js";
 import { Visibility } from "./visibility.js";
@@ -26,6 +27,14 @@ export function showRun(run) {
   const toggle = (id) => select(id === selected ? 0 : id, "seek");
 
   const map = mapView(run, { pick: select, moved: () => link.change() });
+  const plan = run.plan && map && new PlanView(run, {
+    pick: select,
+    turned: (on) => {
+      controls.stopMeasuring();
+      map.cover(on);
+      link.change();
+    },
+  });
   const list = new ObjectList(run.objects, { pick: toggle, filter: (isFound) => tracks.show(isFound) });
   const changes = run.changes && new ChangeList(run, { go: goToChange });
   const info = new ObjectInfo(run, {
@@ -36,6 +45,7 @@ export function showRun(run) {
   });
   const visibility = new Visibility((isShown) => {
     map?.showObjects(isShown);
+    plan?.showObjects(isShown);
     list.showDrawn(isShown);
     showDrawn();
     link.change();
@@ -74,6 +84,7 @@ export function showRun(run) {
     timeline.showFrame(frame);
     tracks.showFrame(frame);
     map?.showFrame(frame);
+    plan?.showFrame(frame);
     link.change();
     return picture.show(shown(frame));
   }
@@ -88,6 +99,7 @@ export function showRun(run) {
     tracks.mark(id);
     picture.mark(id);
     map?.mark(id);
+    plan?.mark(id);
     visibility.select(id);
     showDrawn();
     link.change();
@@ -126,6 +138,7 @@ export function showRun(run) {
       overlay: picture.opacity === 100 ? null : picture.opacity,
       hide: visibility.hidden.size ? [...visibility.hidden].join(",") : null,
       alone: visibility.isolated ? 1 : null,
+      plan: plan?.isOn ? 1 : null,
     };
   }
 
@@ -142,6 +155,7 @@ export function showRun(run) {
     picture.opacity = Math.max(0, Math.min(wanted.number("overlay") ?? 100, 100));
     const view = wanted.numbers("view");
     if (map && view?.length === 6) map.view = view;
+    if (Boolean(wanted.number("plan")) !== Boolean(plan?.isOn)) plan?.turn(!plan.isOn);
     const frame = Math.max(0, Math.floor(wanted.number("frame") ?? 0));
     await show(Math.min(frame, Math.max(0, run.frameCount - 1)));
     select(run.byId.has(wanted.number("object")) ? wanted.number("object") : 0);
@@ -151,12 +165,13 @@ export function showRun(run) {
   }
 
   // For the browser's console: `splatsegPage.select(7)`.
-  window.splatsegPage = { run, map, show, select, changes, clock };
+  window.splatsegPage = { run, map, plan, show, select, changes, clock };
   describe(run);
   const controls = listenToControls(() => map, showTime, () => link.change());
   listenToKeys({
     c: listenToComparison(() => map),
-    m: controls.m,
+    m: () => plan?.isOn || controls.m(),
+    p: () => plan?.turn(!plan.isOn),
     r: controls.r,
     o: () => picture.toggleOverlay(),
     i: () => visibility.toggleIsolated(),

@@ -2,10 +2,10 @@
 
 import { Quaternion, Vector3 } from "three";
 import { byElementId } from "./element.js";
+import { showBar } from "./scale_bar.js";
 
-/** Length of an axis, and the greatest one of the bar, pixels. */
+/** Length of an axis, pixels. */
 const AXIS_PIXELS = 26;
-const BAR_PIXELS = 140;
 const AXES = { x: [1, 0, 0], y: [0, 1, 0], z: [0, 0, 1] };
 
 /** Draws the axes for a camera, and the bar for a scale, pixels per metre at the middle of the view. */
@@ -20,18 +20,5 @@ export function showScale(camera, pixelsPerMetre) {
     text.setAttribute("x", (1.35 * x).toFixed(1));
     text.setAttribute("y", (-1.35 * y).toFixed(1));
   }
-  const length = roundLength(BAR_PIXELS / pixelsPerMetre);
-  byElementId("scale-bar").style.width = `${(length * pixelsPerMetre).toFixed(1)}px`;
-  byElementId("scale-length").textContent = lengthText(length);
-}
-
-/** The greatest of 1, 2, 5, 10 … (or their tenths) that is not above a length. */
-export function roundLength(most) {
-  const power = 10 ** Math.floor(Math.log10(most));
-  return [5, 2, 1].find((part) => part * power <= most * (1 + 1e-9)) * power;
-}
-
-function lengthText(metres) {
-  if (metres >= 0.999) return `${Math.round(metres)} m`;
-  return metres >= 0.00999 ? `${Math.round(100 * metres)} cm` : `${Number((1000 * metres).toPrecision(1))} mm`;
+  showBar(pixelsPerMetre);
 }

@@ -31,6 +31,8 @@ export class MapView {
   #frame = 0;
   #drawing;
   #isWaiting = false;
+  /** True while something else is shown in its place. */
+  #isCovered = false;
   /** True while the camera's pose is unknown. */
   #lost = false;
   /** True once the user has turned or moved the view. */
@@ -83,12 +85,18 @@ export class MapView {
 
   /** Schedules a redraw. */
   draw() {
-    if (this.#isWaiting) return;
+    if (this.#isWaiting || this.#isCovered) return;
     this.#isWaiting = true;
     requestAnimationFrame(() => {
       this.#isWaiting = false;
       this.drawNow();
     });
+  }
+
+  /** Stops drawing while something else is shown in its place, or goes on. */
+  cover(wanted) {
+    this.#isCovered = wanted;
+    this.draw();
   }
 
   /** Draws immediately. */

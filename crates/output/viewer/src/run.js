@@ -19,6 +19,8 @@ export class Run {
     /** Origin of the coordinates of poses and map, world coordinates. */
     this.origin = data.origin;
     this.map = data.map;
+    /** The floor plan; null if the map shows no floor. */
+    this.plan = data.plan ?? null;
     /** What has changed since the loaded map; null without one. */
     this.changes = data.changes ?? null;
     this.objects = data.objects;

@@ -1,7 +1,7 @@
 // The timeline's rows: when each object is seen, and the shown frame.
 
 import { counted, counts, element, nameOf, swatch } from "./element.js";
-import { roundLength } from "./map_scale.js";
+import { roundLength } from "./scale_bar.js";
 
 /** Height of a row, pixels, as in the style. */
 const ROW = 18;

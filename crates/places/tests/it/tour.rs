@@ -23,6 +23,7 @@ fn the_plan_of_four_rooms_is_as_they_are() {
     rooms_keep_their_numbers(&tour);
     let (right, all) = tour.objects_in_rooms();
     assert!(right * 20 >= all * 19 && all > 40, "{right} of {all}");
+    crate::room_names::check(&tour);
     let (found, none, touching) = tour.routes(0.2);
     println!("{found} routes, {none} without a known way");
     assert!(found > 10 && touching == 0, "{found} {none} {touching}");

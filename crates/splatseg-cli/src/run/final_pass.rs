@@ -7,12 +7,12 @@
 use super::RunJob;
 use super::frame_history::{EarlierFrame, FrameHistory};
 use super::frame_loop::{EarlyEnd, LoopOutcome};
-use super::name_objects;
 use super::outputs;
 use super::progress::Progress;
 use super::result_writer::WriterOutcome;
 use super::shown_frames;
 use super::stop_signals::StopSignals;
+use super::name_objects;
 use crate::output_folder::result_files;
 use rayon::current_num_threads;
 use rayon::prelude::*;
@@ -169,6 +169,7 @@ impl FinalPass<'_> {
         // Surfaces are where they were, but may show other objects.
         if let Some((plan, map)) = plan.as_mut().zip(pipeline.map()) {
             plan.look_for_objects(&map);
+            plan.name_rooms(pipeline.names());
             add_rooms(&mut objects, plan);
         }
         let end = RunEnd {

@@ -35,6 +35,7 @@ mod page_browser;
 mod page_controls;
 mod page_large;
 mod page_map;
+mod page_plan;
 mod paper;
 mod places;
 mod poses;

@@ -20,7 +20,7 @@ const CAMERA: Intrinsics = Intrinsics { fx: 200.0, fy: 200.0, cx: 159.5, cy: 119
 const DISTANCE_M: f32 = 2.0;
 
 /// A result folder without a manifest.
-struct Folder<'a>(&'a Path);
+pub struct Folder<'a>(pub &'a Path);
 
 impl ResultFolder for Folder<'_> {
     fn write(&mut self, file: &str, bytes: &[u8]) -> Result<(), OutputError> {

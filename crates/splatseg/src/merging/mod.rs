@@ -75,7 +75,7 @@ pub fn merge_maps(earlier: NamedMap, later: NamedMap, options: &MergeOptions) ->
     }
     earlier.history.add_earlier(&seen);
     earlier.history.remap(joined_ids.remapped());
-    let (names, conflicts) = joined_names(&earlier.names, &later.names, &joined_ids)?;
+    let (names, conflicts) = joined_names(&earlier.names, &later.names, &joined_ids, &fit.earlier_from_later)?;
     (earlier.names, earlier.keyframes) = (names, Some(keyframes));
     earlier.names.keep_only(&earlier.memory.map().carried_ids());
     let report = MergeReport::new(fit, &ids, &joined_ids, &earlier, changed, conflicts);

@@ -1,7 +1,7 @@
 //! The names of two maps' objects.
 
 use serde::Serialize;
-use splatseg_geometry::{RemappedId, SegmentId};
+use splatseg_geometry::{Pose, RemappedId, SegmentId};
 use splatseg_memory::JoinedIds;
 use splatseg_objects::{NameError, ObjectNames};
 
@@ -17,7 +17,7 @@ pub struct LabelConflict {
 }
 
 /// The names of both maps by the merged map's ids. Of two names of an object, the one that a person gave stays, of two such
-/// ones the later map's, and otherwise the one from the better view.
+/// ones the later map's, and otherwise the one from the better view. Of two names of a room, the later map's holds.
 ///
 /// # Errors
 /// If the embeddings of the two maps have different lengths, or all names take too much room.
@@ -25,6 +25,7 @@ pub(super) fn joined_names(
     earlier: &ObjectNames,
     later: &ObjectNames,
     ids: &JoinedIds,
+    earlier_from_later: &Pose,
 ) -> Result<(ObjectNames, Vec<LabelConflict>), NameError> {
     let mut names = earlier.clone();
     for (id, name, score) in later.all() {
@@ -32,6 +33,7 @@ pub(super) fn joined_names(
             names.set(*given, name.clone(), score)?;
         }
     }
+    names.rooms_mut().add_all(later.rooms(), earlier_from_later)?;
     let mut conflicts = Vec::new();
     for remapped in ids.remapped() {
         join_names(&mut names, *remapped, &mut conflicts);

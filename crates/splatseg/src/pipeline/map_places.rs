@@ -3,7 +3,7 @@
 use super::{NamedMap, Pipeline, depth_views};
 use glam::{DVec2, DVec3};
 use splatseg_geometry::{MapCopy, MapView, SegmentId, UpEstimate};
-use splatseg_objects::{ListedRoom, ObjectList, Relation, SceneGraph, relations};
+use splatseg_objects::{ListedRoom, ObjectList, ObjectNames, Relation, SceneGraph, SceneRoom, relations};
 use splatseg_odometry::{PoseSourceError, StateScope};
 use splatseg_places::{FloorPlan, KnownRooms, PlanError, PlanSettings, Room};
 use std::collections::BTreeMap;
@@ -27,6 +27,7 @@ pub struct MapPlanInput {
     map: MapCopy,
     keyframes: Vec<u8>,
     rooms: KnownRooms,
+    names: ObjectNames,
 }
 
 /// The plan of a map, and the relations between its objects.
@@ -63,11 +64,12 @@ impl MapPlanInput {
     /// # Errors
     /// If the keyframes take more than the memory limit.
     pub fn places(self, settings: PlanSettings) -> Result<MapPlaces, PoseSourceError> {
-        let Self { map, keyframes, mut rooms } = self;
+        let Self { map, keyframes, mut rooms, names } = self;
         let views = depth_views(&keyframes, None)?;
         let mut plan = FloorPlan::new(&map.view(), &views, settings);
         if let Ok(plan) = &mut plan {
             plan.keep_room_ids(&mut rooms);
+            plan.name_rooms(&names);
         }
         let up = UpEstimate::of(views.iter().map(|view| &view.world_from_camera));
         let relations = up.map_or_else(Vec::new, |up| relations(&map.view(), up));
@@ -83,7 +85,8 @@ impl Pipeline {
     pub fn floor_plan(&mut self, settings: PlanSettings) -> Result<FloorPlan, MapPlanError> {
         let mut rooms = self.history.rooms.clone();
         let map = self.map().ok_or(PlanError::NoKeyframes)?;
-        let plan = plan_of(&map, self.saved_poses(StateScope::Map).as_deref(), &mut rooms, settings)?;
+        let mut plan = plan_of(&map, self.saved_poses(StateScope::Map).as_deref(), &mut rooms, settings)?;
+        plan.name_rooms(self.names());
         self.history.rooms = rooms;
         Ok(plan)
     }
@@ -91,7 +94,8 @@ impl Pipeline {
     /// What [`Self::floor_plan`] uses, for another thread; `None` without a map with keyframes.
     pub fn plan_input(&self) -> Option<MapPlanInput> {
         let keyframes = self.saved_poses(StateScope::Map)?;
-        Some(MapPlanInput { map: MapCopy::of(&self.map()?), keyframes, rooms: self.history.rooms.clone() })
+        let (rooms, names) = (self.history.rooms.clone(), self.names().clone());
+        Some(MapPlanInput { map: MapCopy::of(&self.map()?), keyframes, rooms, names })
     }
 
     /// Rooms, objects and relations of a list of this pipeline's objects.
@@ -101,8 +105,14 @@ impl Pipeline {
         let seen = self.memory().map(|memory| (memory.frame_count(), memory.last_seen())).unwrap_or_default();
         let mut graph = SceneGraph::new(list, up, seen.0, &seen.1);
         if !list.rooms.is_empty() {
-            let names = list.rooms.iter().map(|room| (room.id, room.name.clone())).collect();
-            graph.set_rooms(&names, &list.objects.iter().filter_map(|one| Some((one.id, one.room?))).collect());
+            let room = |room: &ListedRoom| SceneRoom {
+                id: room.id,
+                name: room.name.clone(),
+                name_source: room.name_source,
+                objects: Vec::new(),
+            };
+            let of_objects = list.objects.iter().filter_map(|one| Some((one.id, one.room?))).collect();
+            graph.set_rooms(list.rooms.iter().map(room).collect(), &of_objects);
         }
         graph
     }
@@ -114,14 +124,16 @@ impl Pipeline {
 }
 
 impl NamedMap {
-    /// The plan of the map: its floor, free space, rooms and the objects in them. Rooms have the numbers that they had in the
+    /// The plan of the map: its floor, free space, rooms with their names, and the objects in them. Rooms have the numbers that they had in the
     /// session that saved the map.
     ///
     /// # Errors
     /// If the map has no keyframes or they are damaged, and as [`FloorPlan::new`].
     pub fn floor_plan(&self, settings: PlanSettings) -> Result<FloorPlan, MapPlanError> {
         let mut rooms = self.history.rooms.clone();
-        plan_of(&self.memory.map(), self.keyframes.as_deref(), &mut rooms, settings)
+        let mut plan = plan_of(&self.memory.map(), self.keyframes.as_deref(), &mut rooms, settings)?;
+        plan.name_rooms(&self.names);
+        Ok(plan)
     }
 }
 
@@ -149,6 +161,7 @@ impl ListedRooms {
         let room = |room: &Room| ListedRoom {
             id: room.id,
             name: room.name.clone(),
+            name_source: room.name_source,
             area_m2: (room.area_m2 * 1e4).round() / 1e4,
             middle: place(room.middle),
             outlines: plan.room_outlines(room.id).into_iter().map(|one| one.into_iter().map(place).collect()).collect(),

@@ -3,9 +3,9 @@
 use super::{NamedMap, Pipeline};
 use glam::Vec3;
 use splatseg_geometry::UpEstimate;
-use splatseg_objects::{ObjectList, SceneGraph, SceneObject, relations};
+use splatseg_objects::{ObjectList, SceneGraph, SceneObject, SceneRoom, relations};
 use splatseg_odometry::{PoseSourceError, keyframe_views};
-use splatseg_places::PlanSettings;
+use splatseg_places::{PlanSettings, Room};
 
 impl Pipeline {
     /// Adds the relations between objects that are certain to a list of this pipeline. None without keyframes, since they
@@ -45,10 +45,15 @@ impl NamedMap {
         if let Ok(plan) = self.floor_plan(PlanSettings::default())
             && !plan.rooms().is_empty()
         {
-            let names = plan.rooms().iter().map(|room| (room.id, room.name.clone())).collect();
+            let room = |room: &Room| SceneRoom {
+                id: room.id,
+                name: room.name.clone(),
+                name_source: room.name_source,
+                objects: Vec::new(),
+            };
             let room_of = |object: &SceneObject| Some((object.id, plan.room_of(object.id)?.id));
             let rooms = graph.objects.iter().filter_map(room_of).collect();
-            graph.set_rooms(&names, &rooms);
+            graph.set_rooms(plan.rooms().iter().map(room).collect(), &rooms);
         }
         Ok(graph)
     }
