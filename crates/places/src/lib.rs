@@ -12,6 +12,7 @@ mod floor_heights;
 mod floor_plan;
 mod floor_seen;
 mod footprints;
+mod free_path;
 mod grid;
 pub mod map_server;
 mod occupancy;
