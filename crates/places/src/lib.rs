@@ -12,6 +12,7 @@ mod floor_heights;
 mod floor_plan;
 mod floor_seen;
 mod footprints;
+mod free_path;
 mod grid;
 mod known_rooms;
 pub mod map_server;

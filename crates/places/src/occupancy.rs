@@ -6,6 +6,7 @@ use crate::depth_points::DepthPoints;
 use crate::floor::Floor;
 use crate::floor_heights::FloorSamples;
 use crate::floor_seen::FloorSeen;
+use crate::free_path::{camera_path, free_path};
 use crate::grid::{Cell, GridShape, OccupancyGrid};
 use crate::{PlanError, PlanFrame, PlanSettings};
 use glam::{DVec2, DVec3, Vec3};
@@ -62,7 +63,10 @@ impl Occupancy {
             .into_par_iter()
             .map(|cell| columns.content(shape.column_row(cell), heights.1, TALL))
             .collect();
-        let cells = cells_of(&shape, &content, &seen);
+        let mut cells = cells_of(&shape, &content, &seen);
+        if settings.free_path > 0.0 {
+            free_path(&mut cells, &shape, &content, &camera_path(views, &frame), settings.free_path);
+        }
         let floor_heights = (frame.floor_height() + f64::from(low), frame.floor_height() + f64::from(high));
         Ok(Self { frame, grid: OccupancyGrid { shape, cells }, columns: content, floor_heights })
     }

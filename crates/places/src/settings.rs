@@ -15,11 +15,20 @@ pub struct PlanSettings {
     pub max_height: f64,
     /// Depth beyond this is not used, metres, 0.5 to 20: depth cameras are less exact farther away.
     pub max_range: f64,
+    /// Cells at most this far from the path of the camera, metres, 0 to 1, are free if nothing was seen there: who held the
+    /// camera, or the robot that carried it, has been there. It is an assumption, not a measurement: the camera may have been
+    /// held over a table. 0 for none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub free_path: f64,
+}
+
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 impl Default for PlanSettings {
     fn default() -> Self {
-        Self { resolution: 0.05, min_height: 0.1, max_height: 1.8, max_range: 5.0 }
+        Self { resolution: 0.05, min_height: 0.1, max_height: 1.8, max_range: 5.0, free_path: 0.0 }
     }
 }
 
@@ -34,6 +43,7 @@ impl PlanSettings {
             ("min_height", self.min_height, 0.03, 1.0),
             ("max_height", self.max_height, self.min_height + 0.05, 5.0),
             ("max_range", self.max_range, 0.5, 20.0),
+            ("free_path", self.free_path, 0.0, 1.0),
         ];
         match ranges.into_iter().find(|(_, found, least, most)| !(least..=most).contains(&found)) {
             Some((name, found, least, most)) => Err(PlanError::Setting { name, found, least, most }),

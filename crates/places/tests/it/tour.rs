@@ -1,11 +1,11 @@
 //! Plans compared with the exact geometry of synthetic scenes. `cargo run --release -p splatseg-places --example tours`
 //! measures more of them.
 
-use crate::seen_tour::{SeenTour, plan_of};
+use crate::seen_tour::{SeenTour, plan_of, seen};
 use glam::{DMat4, DVec2, DVec3};
 use splatseg_files::StateBlock;
 use splatseg_geometry::Pose;
-use splatseg_places::{Cell, KnownRooms, PlanFile, Room, RouteError, map_server};
+use splatseg_places::{Cell, FloorPlan, KnownRooms, PlanFile, PlanSettings, Room, RouteError, map_server};
 use splatseg_test_scenes::room;
 use std::collections::BTreeMap;
 
@@ -109,6 +109,32 @@ fn a_world_whose_y_axis_points_down_has_the_same_plan_turned() {
         yaml.contains("# rotation: [")
             && !map_server::yaml(upright.grid(), upright.frame(), "a.pgm").contains("rotation")
     );
+}
+
+#[test]
+fn the_floor_below_the_camera_is_free_if_that_is_wanted() {
+    let scene = room("synthetic:frames=48,width=96,height=72,objects=8,seed=5");
+    let (memory, views) = seen(&scene, 2, Pose::IDENTITY);
+    let plan = |free_path| {
+        FloorPlan::new(&memory.map(), &views, PlanSettings { free_path, ..PlanSettings::default() }).unwrap()
+    };
+    let (without, with) = (plan(0.0), plan(0.3));
+    let shape = &without.grid().shape;
+    let cameras: Vec<_> = views.iter().map(|view| view.world_from_camera.translation().truncate()).collect();
+    let changed: Vec<usize> =
+        (0..shape.len()).filter(|cell| without.grid().cells[*cell] != with.grid().cells[*cell]).collect();
+    assert!(changed.len() > 20, "{}", changed.len());
+    for cell in changed {
+        assert_eq!((without.grid().cells[cell], with.grid().cells[cell]), (Cell::Unknown, Cell::Free));
+        let center = shape.center(cell);
+        // Between two keyframes, the way is farther from each by up to half their distance.
+        assert!(cameras.iter().any(|camera| camera.distance(center) <= 0.3 + 0.5), "{center}");
+        assert!(!scene.is_occupied(center.as_vec2(), (0.1, 1.8)), "{center}");
+    }
+    assert!(matches!(
+        FloorPlan::new(&memory.map(), &views, PlanSettings { free_path: 2.0, ..PlanSettings::default() }),
+        Err(splatseg_places::PlanError::Setting { name: "free_path", .. })
+    ));
 }
 
 #[test]

@@ -18,6 +18,12 @@ pub struct SeenTour {
 
 /// The plan from every `stride`-th frame of a scene; `place` moves the world.
 pub fn plan_of(scene: &SyntheticScene, stride: usize, place: Pose) -> FloorPlan {
+    let (memory, views) = seen(scene, stride, place);
+    FloorPlan::new(&memory.map(), &views, PlanSettings::default()).unwrap()
+}
+
+/// The map from every `stride`-th frame of a scene, and what the camera saw.
+pub fn seen(scene: &SyntheticScene, stride: usize, place: Pose) -> (SplatMemory, Vec<DepthView>) {
     let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
     let most = scene.things().iter().map(|thing| thing.id).max().unwrap_or(0).max(24);
     (1..=most).for_each(|_| _ = memory.new_segment().unwrap());
@@ -35,7 +41,7 @@ pub fn plan_of(scene: &SyntheticScene, stride: usize, place: Pose) -> FloorPlan 
         let recall = memory.recall(&frame);
         memory.update(recall, &truth(scene, index), &BTreeSet::new()).unwrap();
     }
-    FloorPlan::new(&memory.map(), &views, PlanSettings::default()).unwrap()
+    (memory, views)
 }
 
 impl SeenTour {
