@@ -35,7 +35,7 @@ mod tools;
 pub use assistant::{Assistant, AssistantOptions};
 pub use error::McpError;
 pub use floor_places::floor_places;
-pub use places::{Destination, OpenPlaces, Places};
+pub use places::{Destination, OpenPlaces, PlaceRoom, Places};
 pub use server::{MAX_MESSAGE_BYTES, MapServer, serve_stdio};
 pub use tool::{Outcome, Picture};
 

@@ -28,7 +28,7 @@ pub use error::{NameObjectsError, PipelineError, UnusableFrame};
 pub use frame_result::FrameResult;
 pub use frames::{Frames, Processed};
 pub use late::{LateFrame, WaitingFrames};
-pub use map_places::MapPlanError;
+pub use map_places::{MapPlanError, RoomNameError};
 pub use named_map::{NamedMap, depth_views};
 pub use predicted_depth::{DepthAgain, PredictedDepthUse};
 pub use rotate::Rotate;
