@@ -41,6 +41,7 @@ mod poses;
 mod recording;
 mod report_browser;
 mod resume;
+mod route;
 mod save_mcap;
 mod segmenter_fastsam;
 mod settings;
