@@ -14,6 +14,7 @@ mod names;
 mod pictures;
 mod pipeline;
 mod sam2;
+mod saved_map;
 mod scene;
 mod segmenter;
 mod settings;
@@ -41,6 +42,8 @@ mod _splatseg {
     use super::pipeline::Pipeline;
     #[pymodule_export]
     use super::sam2::Sam2;
+    #[pymodule_export]
+    use super::saved_map::{FloorPlan, SavedMap};
     #[pymodule_export]
     use super::scene::{Frames, Scene};
     #[pymodule_export]

@@ -91,7 +91,7 @@ impl Assistant {
             text += &format!(" When objects were last seen is not known: {problem}.");
         }
         text += if allow_write {
-            " name_object changes names in the file; nothing else is changed."
+            " name_object and name_room change names in the file; nothing else is changed."
         } else {
             " Nothing can be changed."
         };

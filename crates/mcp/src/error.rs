@@ -19,6 +19,14 @@ pub enum McpError {
         /// What is wrong with it.
         problem: String,
     },
+    /// The address for clients cannot be used.
+    #[error("{address}: {problem}")]
+    Address {
+        /// The address.
+        address: std::net::SocketAddr,
+        /// What is wrong with it.
+        problem: String,
+    },
     /// The connection or the system failed.
     #[error("the assistant's connection: {0}")]
     Connection(String),

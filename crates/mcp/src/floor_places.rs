@@ -1,10 +1,11 @@
 //! The rooms, free space and routes of a map's floor plan.
 
-use crate::places::{Destination, Places};
+use crate::places::{Destination, PlaceRoom, Places};
 use glam::DVec3;
 use splatseg::pipeline::NamedMap;
 use splatseg_geometry::SegmentId;
-use splatseg_places::{Cell, FloorPlan, PlanSettings};
+use splatseg_objects::RoomNameSource;
+use splatseg_places::{Cell, FloorPlan, PlanSettings, Room};
 
 /// The places of a map, from its keyframes.
 ///
@@ -21,6 +22,20 @@ impl Places for FloorPlan {
     fn room_of(&self, object: SegmentId) -> Option<String> {
         let room = self.room_of(object)?;
         Some(room.name.clone().unwrap_or_else(|| format!("room {}", room.id)))
+    }
+
+    fn rooms(&self) -> Vec<PlaceRoom> {
+        let is_in = |object: SegmentId, room: u32| self.room_of(object).is_some_and(|found| found.id == room);
+        let room = |room: &Room| PlaceRoom {
+            id: room.id,
+            name: room.name.clone(),
+            is_derived: room.name_source == Some(RoomNameSource::Derived),
+            middle: self.place_of(room),
+            area_m2: room.area_m2,
+            doors: room.doors.iter().map(|door| door.to).collect(),
+            objects: self.footprints().keys().copied().filter(|object| is_in(*object, room.id)).collect(),
+        };
+        FloorPlan::rooms(self).iter().map(room).collect()
     }
 
     fn is_free(&self, place: DVec3) -> Option<bool> {

@@ -13,7 +13,8 @@
 //! | `canvas.rs`, `plan.rs` | pictures |
 //! | `places.rs` | rooms, free space and routes, from whoever knows them |
 //! | `floor_places.rs` | the same from the map's floor plan |
-//! | `server.rs` | the protocol |
+//! | `server.rs` | the protocol, over a pair of byte streams |
+//! | `http.rs` | the same over HTTP |
 //!
 //! `docs/ASSISTANT.md` explains the tools to users.
 
@@ -23,6 +24,7 @@ mod canvas;
 mod error;
 mod facts;
 mod floor_places;
+mod http;
 mod object_reference;
 mod open_map;
 mod places;
@@ -35,7 +37,8 @@ mod tools;
 pub use assistant::{Assistant, AssistantOptions};
 pub use error::McpError;
 pub use floor_places::floor_places;
-pub use places::{Destination, OpenPlaces, Places};
+pub use http::{HttpOptions, HttpServer};
+pub use places::{Destination, OpenPlaces, PlaceRoom, Places};
 pub use server::{MAX_MESSAGE_BYTES, MapServer, serve_stdio};
 pub use tool::{Outcome, Picture};
 

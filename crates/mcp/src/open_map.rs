@@ -8,6 +8,7 @@ use splatseg::pipeline::NamedMap;
 use splatseg_geometry::SegmentId;
 use splatseg_objects::{FrameStamp, Object, ObjectList, ObjectState};
 use splatseg_odometry::{KeyframeView, PoseSourceError, keyframe_views};
+use splatseg_places::PlanSettings;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -86,20 +87,36 @@ impl OpenMap {
         Ok(())
     }
 
-    /// Gives an object a label in the file, or takes its label away. The file is read once more, changed and replaced
-    /// atomically; if somebody else writes it in the meantime, nothing is changed.
+    /// Gives an object a label in the file, or takes its label away, as [`Self::change`].
     pub fn rename(&mut self, id: SegmentId, label: Option<&str>) -> Result<(), String> {
+        self.change(|map| {
+            if !map.memory.map().carried_ids().contains(&id) {
+                return Err(format!("the map has no object {id} any more"));
+            }
+            map.names.set_by_hand(id, label).map_err(|error| error.to_string())
+        })
+    }
+
+    /// Gives a room a name in the file, or takes its name away, as [`Self::change`].
+    pub fn rename_room(&mut self, room: u32, name: Option<&str>) -> Result<(), String> {
+        self.change(|map| {
+            let mut plan = map.floor_plan(PlanSettings::default()).map_err(|error| error.to_string())?;
+            map.name_room(&mut plan, room, name).map_err(|error| error.to_string())
+        })
+    }
+
+    /// Reads the file once more, changes the names in it, and replaces it atomically; if somebody else writes it in the
+    /// meantime, nothing is changed.
+    fn change(&mut self, change: impl FnOnce(&mut NamedMap) -> Result<(), String>) -> Result<(), String> {
         let before = stamps(&self.path, self.objects.as_deref());
         let mut map = NamedMap::load(&self.path).map_err(|error| error.to_string())?;
-        if !map.memory.map().carried_ids().contains(&id) {
-            return Err(format!("the map has no object {id} any more"));
-        }
-        map.names.set_by_hand(id, label).map_err(|error| error.to_string())?;
+        change(&mut map)?;
         if before != self.stamp || before != stamps(&self.path, self.objects.as_deref()) {
             return Err("the map's file has just been changed by another program, so nothing was written".to_owned());
         }
         map.save(&self.path).map_err(|error| error.to_string())?;
         self.stamp = stamps(&self.path, self.objects.as_deref());
+        self.current.places = (self.open_places)(&map);
         self.current.take_names(map);
         Ok(())
     }

@@ -10,6 +10,11 @@ pub trait Places: Send {
     /// Name of the room that an object is in; `None` if it is in none.
     fn room_of(&self, object: SegmentId) -> Option<String>;
 
+    /// The rooms, by number; none if they are not known.
+    fn rooms(&self) -> Vec<PlaceRoom> {
+        Vec::new()
+    }
+
     /// True if a robot could stand at the floor below or above a place (world coordinates, metres), false if something is in
     /// its way, `None` if nobody has looked.
     fn is_free(&self, place: DVec3) -> Option<bool>;
@@ -20,6 +25,35 @@ pub trait Places: Send {
     /// # Errors
     /// A sentence: there is no way, or a place is not known.
     fn route(&self, from: DVec3, to: Destination, radius: f64) -> Result<Vec<DVec3>, String>;
+}
+
+/// A room.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PlaceRoom {
+    /// Its number.
+    pub id: u32,
+    /// Its name.
+    pub name: Option<String>,
+    /// True if the name was told from its objects, not given by a person.
+    pub is_derived: bool,
+    /// A place on its floor, where it is widest: world coordinates, metres.
+    pub middle: DVec3,
+    /// Area of its floor, square metres.
+    pub area_m2: f64,
+    /// Rooms that doors lead to.
+    pub doors: Vec<u32>,
+    /// Objects in it.
+    pub objects: Vec<SegmentId>,
+}
+
+impl PlaceRoom {
+    /// Its name, or its number: `kitchen (room 2)`.
+    pub fn called(&self) -> String {
+        match &self.name {
+            Some(name) => format!("{name} (room {})", self.id),
+            None => format!("room {}", self.id),
+        }
+    }
 }
 
 /// Where a route ends.

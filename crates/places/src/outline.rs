@@ -56,7 +56,8 @@ fn next(edges: &mut BTreeMap<[i64; 2], Vec<[i64; 2]>>, from: [i64; 2], heading: 
     Some(to)
 }
 
-/// Leaves out corners of a closed line that lie within `tolerance` of what remains, by Douglas and Peucker's rule.
+/// Leaves out corners of a closed line that lie within `tolerance` of what remains, by Douglas and Peucker's rule. Of a line
+/// around one row of cells little would remain: then only corners between others on a straight line are left out.
 fn simplified(corners: &[DVec2], tolerance: f64) -> Vec<DVec2> {
     let Some(first) = corners.first() else { return Vec::new() };
     let farthest = (0..corners.len())
@@ -81,17 +82,28 @@ fn simplified(corners: &[DVec2], tolerance: f64) -> Vec<DVec2> {
             parts.extend([(from, worst), (worst, to)]);
         }
     }
-    (0..corners.len()).filter(|index| kept[*index]).map(|index| corners[index]).collect()
+    let few: Vec<DVec2> = (0..corners.len()).filter(|index| kept[*index]).map(|index| corners[index]).collect();
+    if area(&few).abs() >= 0.5 * area(corners).abs() {
+        return few;
+    }
+    let before = |index: usize| corners[(index + corners.len() - 1) % corners.len()];
+    let turns = |index: &usize| {
+        let (corner, next) = (corners[*index], corners[(index + 1) % corners.len()]);
+        (corner - before(*index)).perp_dot(next - corner).abs() > 1e-6 * tolerance * tolerance
+    };
+    (0..corners.len()).filter(turns).map(|index| corners[index]).collect()
+}
+
+/// Area inside of a closed line, negative if it runs clockwise.
+fn area(outline: &[DVec2]) -> f64 {
+    let Some(first) = outline.first() else { return 0.0 };
+    let corners = || outline.iter().map(|corner| *corner - *first);
+    0.5 * corners().zip(corners().skip(1)).map(|(one, other)| one.perp_dot(other)).sum::<f64>()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn area(outline: &[DVec2]) -> f64 {
-        let next = outline.iter().cycle().skip(1);
-        0.5 * outline.iter().zip(next).map(|(one, other)| one.perp_dot(*other)).sum::<f64>()
-    }
 
     #[test]
     fn outlines_have_the_area_of_their_cells() {
@@ -109,5 +121,12 @@ mod tests {
         let areas: Vec<f64> = found.iter().map(|outline| area(outline) / 0.25).collect();
         assert_eq!(areas, [72.0, -16.0, 12.0]);
         assert!(outlines(&shape, &BTreeSet::new()).is_empty());
+        // A single cell, and a wall as thin as one.
+        for (columns, rows) in [(3..4, 5..6), (3..4, 2..15), (2..15, 19..20)] {
+            let cells = block(columns, rows).collect::<BTreeSet<usize>>();
+            let found = outlines(&shape, &cells);
+            assert_eq!((found.len(), found[0].len()), (1, 4), "{found:?}");
+            assert!((area(&found[0]) - 0.25 * cells.len() as f64).abs() < 1e-9, "{found:?}");
+        }
     }
 }

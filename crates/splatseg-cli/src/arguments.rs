@@ -21,6 +21,7 @@ use super::mcp::McpArguments;
 use super::merge::MergeArguments;
 use super::name::NameArguments;
 use super::options::SettingsOptions;
+use super::route::RouteArguments;
 use super::run::SavedRun;
 use super::settings::SettingsArguments;
 use super::terminal::record_output_error;
@@ -97,6 +98,8 @@ pub enum Command {
     Find(FindArguments),
     /// Give the objects of a saved memory names: by hand, from a file, or with a network
     Name(NameArguments),
+    /// Print a free way of a robot between two places of a saved memory: objects, rooms or coordinates
+    Route(RouteArguments),
     /// Serve a saved memory to an assistant: tools that list, find, show and name its objects (Model Context Protocol)
     Mcp(McpArguments),
     /// Find where single frames were taken, in the coordinates of a saved memory
@@ -115,10 +118,20 @@ pub enum Command {
 impl Command {
     /// True for the commands that have threads, but no setting for their number.
     pub fn has_fixed_threads(&self) -> bool {
-        use Command::{Convert, Diff, Eval, Export, Find, Inspect, Locate, Mcp, Merge, Name};
+        use Command::{Convert, Diff, Eval, Export, Find, Inspect, Locate, Mcp, Merge, Name, Route};
         matches!(
             self,
-            Convert(_) | Diff(_) | Eval(_) | Export(_) | Find(_) | Inspect(_) | Locate(_) | Mcp(_) | Merge(_) | Name(_)
+            Convert(_)
+                | Diff(_)
+                | Eval(_)
+                | Export(_)
+                | Find(_)
+                | Inspect(_)
+                | Locate(_)
+                | Mcp(_)
+                | Merge(_)
+                | Name(_)
+                | Route(_)
         )
     }
 }

@@ -58,7 +58,7 @@ pub struct ExportArguments {
     pub overwrite: bool,
     #[command(flatten)]
     pub mesh: MeshOptions,
-    #[command(flatten)]
+    #[command(flatten, next_help_heading = "Options of --as occupancy")]
     pub plan: PlanOptions,
 }
 

@@ -24,7 +24,6 @@ const RADIUS: f64 = 0.2;
 
 /// What a plan is made for.
 #[derive(Debug, Args)]
-#[command(next_help_heading = "Options of --as occupancy")]
 pub struct PlanOptions {
     /// Side of a cell, metres [default: 0.05]
     #[arg(long, value_name = "M")]
@@ -35,9 +34,15 @@ pub struct PlanOptions {
     /// Height above the floor up to which things are obstacles, metres [default: 1.8]
     #[arg(long, value_name = "M")]
     pub max_height: Option<f64>,
-    /// Radius of the robot, for the places from which it faces objects, metres [default: 0.2]
+    /// Radius of the robot, metres [default: 0.2]
     #[arg(long, value_name = "M")]
     pub robot_radius: Option<f64>,
+    /// Take what is at most this far from the camera's path as free if nothing was seen there, metres [default: none]
+    ///
+    /// The camera hardly sees the floor below itself, but a robot or a person was there with it. That is an assumption: it
+    /// may have been held over a table that it never saw.
+    #[arg(long, value_name = "M")]
+    pub free_path: Option<f64>,
 }
 
 impl PlanOptions {
@@ -48,6 +53,7 @@ impl PlanOptions {
             ("--min-height", self.min_height),
             ("--max-height", self.max_height),
             ("--robot-radius", self.robot_radius),
+            ("--free-path", self.free_path),
         ];
         match given.iter().find(|(_, value)| value.is_some()) {
             Some((name, _)) => Err(Failure::input(format!("{name}: only --as occupancy has it"))),
@@ -55,18 +61,21 @@ impl PlanOptions {
         }
     }
 
-    fn settings(&self) -> Result<PlanSettings, Failure> {
+    /// The settings of the plan, checked.
+    pub fn settings(&self) -> Result<PlanSettings, Failure> {
         let default = PlanSettings::default();
         let settings = PlanSettings {
             resolution: self.resolution.unwrap_or(default.resolution),
             min_height: self.min_height.unwrap_or(default.min_height),
             max_height: self.max_height.unwrap_or(default.max_height),
+            free_path: self.free_path.unwrap_or(default.free_path),
             ..default
         };
         settings.validated().map_err(Failure::input)
     }
 
-    fn radius(&self) -> Result<f64, Failure> {
+    /// Radius of the robot, metres, checked.
+    pub fn radius(&self) -> Result<f64, Failure> {
         let radius = self.robot_radius.unwrap_or(RADIUS);
         if (0.0..=5.0).contains(&radius) {
             return Ok(radius);

@@ -77,7 +77,7 @@ pub fn find(arguments: &FindArguments) -> Result<(), Failure> {
                     return Err(wrong("its keyframes show no object in colour, so the network has nothing to see"));
                 }
             }
-            if map.names.is_empty() && !query.thing.is_empty() {
+            if map.names.all().next().is_none() && !query.thing.is_empty() {
                 let how = "give them with --names FILE or `splatseg name` (docs/NAMES.md)";
                 return Err(wrong(&format!("its objects have no names: {how}")));
             }

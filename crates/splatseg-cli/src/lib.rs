@@ -39,6 +39,7 @@ mod merge;
 mod name;
 mod options;
 mod output_folder;
+mod route;
 mod run;
 mod settings;
 mod system_limits;
@@ -90,6 +91,7 @@ fn execute(arguments: Vec<OsString>, program: &[OsString]) -> Result<u8, Failure
         Command::Diff(diff) => map_changes::diff(&diff),
         Command::Merge(merge) => merge::merge(&merge),
         Command::Find(find) => find::find(&find),
+        Command::Route(route) => route::route(&route),
         Command::Name(name) => name::name(&name),
         Command::Mcp(mcp) => mcp::mcp(&mcp),
         Command::Live(live) => live::live(&live, program),

@@ -92,8 +92,9 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
                 if plan.is_none() {
                     plan = Some(floor_plan(&map).map_err(wrong)?);
                 }
-                let named = plan.as_ref().map(|plan| name_room(&mut map, plan, *number, label.as_deref()));
-                named.transpose().map_err(|problem| wrong(format!("room {number}: {problem}")))?;
+                if let Some(plan) = &mut plan {
+                    map.name_room(plan, *number, label.as_deref()).map_err(|error| wrong(error.to_string()))?;
+                }
             }
         }
     }
@@ -105,6 +106,7 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
     list(&map, &ids);
     match plan {
         Some(mut plan) => {
+            // Labels that were given after it may tell what a room is.
             plan.name_rooms(&map.names);
             list_rooms(&plan);
         }
@@ -124,18 +126,6 @@ enum Target {
 
 fn floor_plan(map: &NamedMap) -> Result<FloorPlan, String> {
     map.floor_plan(PlanSettings::default()).map_err(|error| error.to_string())
-}
-
-/// Names the room that has a number in the plan, or takes its name away.
-fn name_room(map: &mut NamedMap, plan: &FloorPlan, number: u32, name: Option<&str>) -> Result<(), String> {
-    let room = plan.rooms().iter().find(|room| room.id == number);
-    let room = room.ok_or_else(|| format!("found no such room, expected 1 to {}", plan.rooms().len()))?;
-    let is_in_it = |place| plan.room_around(place).is_some_and(|other| other.id == number);
-    map.names.rooms_mut().remove(is_in_it);
-    match name {
-        Some(name) => map.names.rooms_mut().add(plan.place_of(room), name).map_err(|error| error.to_string()),
-        None => Ok(()),
-    }
 }
 
 /// Lists the rooms with their names and areas.

@@ -22,6 +22,7 @@ or ``**{"memory.max_votes": 8}``. An unknown keyword raises ``TypeError``, which
 from . import rerun
 from ._splatseg import __version__, segment_color
 from .evaluation import Scores, evaluate
+from .floor_plan import ApproachPoint, Door, FloorPlan, Footprint, PlanRoom, Route
 from .frame import Frame
 from .live import Live
 from .memory import Memory
@@ -33,6 +34,7 @@ from .predicted_depth import Depth, depth
 from .result import StepResult
 from .runs import Run, run
 from .sam2 import Sam2, Tracks
+from .saved_map import Mesh, SavedMap
 from .scene import Scene, open_scene
 from .scene_graph import LastSeen, Relation, SceneGraph, SceneObject, SceneRoom, load_scene_graph
 from .segmenters import Affinity, FastSam, Graph, Segmenter
@@ -40,10 +42,14 @@ from .state import read_state
 
 __all__ = [
     "Affinity",
+    "ApproachPoint",
     "BestView",
     "Depth",
+    "Door",
     "FastSam",
     "FastSamSplat",
+    "FloorPlan",
+    "Footprint",
     "FoundObject",
     "Frame",
     "FrameStamp",
@@ -51,15 +57,19 @@ __all__ = [
     "LastSeen",
     "Live",
     "Memory",
+    "Mesh",
     "Names",
     "Object",
     "ObjectSighting",
     "Objects",
     "Pipeline",
+    "PlanRoom",
     "Relation",
+    "Route",
     "Run",
     "Sam2",
     "Sam2Splat",
+    "SavedMap",
     "Scene",
     "SceneGraph",
     "SceneObject",

@@ -68,6 +68,8 @@ class SceneRoom:
     """Its name."""
     objects: tuple[int, ...]
     """Ids of the objects in it."""
+    name_source: str | None = None
+    """Who gave the name: ``by_hand`` for a person, ``derived`` for its objects; ``None`` without a name."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -112,14 +114,15 @@ def load_scene_graph(path: str | os.PathLike[str]) -> SceneGraph:
             raise ValueError("not a scene graph of splatseg")
         if data["version"] != _VERSION:
             raise ValueError(f"version {data['version']} of the scene graph, expected {_VERSION}")
-        return _graph(data)
+        return graph_of(data)
     except (ValueError, KeyError, TypeError) as error:
         found = f"no {error}" if isinstance(error, KeyError) else error
         raise ValueError(f"{os.fspath(path)}: {found}") from None
 
 
-def _graph(data: dict[str, Any]) -> SceneGraph:
-    rooms = (SceneRoom(one["id"], one["name"], tuple(one["objects"])) for one in data["rooms"])
+def graph_of(data: dict[str, Any]) -> SceneGraph:
+    """The graph of a file's content."""
+    rooms = (SceneRoom(one["id"], one["name"], tuple(one["objects"]), one.get("name_source")) for one in data["rooms"])
     relations = (Relation(one["subject"], one["relation"], one["object"]) for one in data["relations"])
     return SceneGraph(
         up=_three(data["up"]),

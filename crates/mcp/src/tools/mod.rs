@@ -2,7 +2,9 @@
 
 mod find_objects;
 mod list_objects;
+mod list_rooms;
 mod name_object;
+mod name_room;
 mod picture_of;
 mod plan_view;
 mod route;
@@ -23,8 +25,10 @@ pub fn all(allow_write: bool, has_places: bool) -> Vec<ToolEntry> {
         ToolEntry::of::<what_changed::WhatChanged>(),
         ToolEntry::of::<picture_of::PictureOf>(),
         ToolEntry::of::<plan_view::PlanView>(),
+        ToolEntry::of::<list_rooms::ListRooms>(),
         ToolEntry::of::<route::Route>(),
         ToolEntry::of::<name_object::NameObject>(),
+        ToolEntry::of::<name_room::NameRoom>(),
     ];
     let can_work = |tool: &ToolEntry| (allow_write || !tool.writes) && (has_places || !tool.needs_places);
     tools.into_iter().filter(can_work).collect()

@@ -16,12 +16,20 @@ const MAX_RADIUS: f64 = 5.0;
 /// Maximum number of points of a route in the answer.
 const MAX_POINTS: usize = 200;
 
-/// Where a route begins or ends: an object, or a point in the map's coordinates, metres.
+/// Where a route begins or ends: an object, a room, or a point in the map's coordinates, metres.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
-#[serde(untagged, expecting = "expected an object (an id or words) or a point, e.g. [1.0, 2.0, 0.0]")]
+#[serde(
+    untagged,
+    expecting = "expected an object (an id or words), a room, e.g. {\"room\": 2}, or a point, e.g. [1.0, 2.0, 0.0]"
+)]
 pub enum Stop {
     /// A point in the map's coordinates, metres.
     Point([f64; 3]),
+    /// The middle of a room.
+    Room {
+        /// Its number, from list_rooms.
+        room: u32,
+    },
     /// An object; the route ends beside it.
     Object(ObjectReference),
 }
@@ -56,7 +64,7 @@ impl Tool for Route {
     const NAME: &'static str = "route";
     const TITLE: &'static str = "Find a way";
     const DESCRIPTION: &'static str = "Finds the shortest free way on the floor for a robot of a radius between two \
-                                       objects or places, as points, length and a picture. It does not move the robot.";
+                                       objects, rooms or places, as points, length and a picture. It does not move the robot.";
     const NEEDS_PLACES: bool = true;
 
     fn call(input: Input, assistant: &mut Assistant) -> Result<Answer<Output>, ToolError> {
@@ -85,6 +93,10 @@ impl Assistant {
     fn stop(&mut self, stop: &Stop) -> Result<(DVec3, String, Option<SegmentId>), ToolError> {
         match stop {
             Stop::Point(point) => Ok((point_box(*point)?.center(), place(*point), None)),
+            Stop::Room { room } => {
+                let room = self.room(*room)?;
+                Ok((room.middle, room.called(), None))
+            }
             Stop::Object(object) => {
                 let id = self.meant(object)?;
                 Ok((self.solid(id)?.center(), self.called(id), Some(id)))

@@ -1,5 +1,6 @@
 //! The integration tests of this crate, in one program: it is linked once.
 
+mod http;
 mod protocol;
 mod support;
 mod tools;

@@ -3,7 +3,7 @@
 use crate::support::{by_size, options, room, with_client};
 use serde_json::json;
 use splatseg::pipeline::NamedMap;
-use splatseg_mcp::Assistant;
+use splatseg_mcp::{Assistant, floor_places};
 use std::fs;
 
 #[test]
@@ -38,6 +38,47 @@ fn names_are_saved_in_the_file_if_that_is_allowed() {
         assert!(refused.contains("was not named"), "{refused}");
         assert!(!map.exists());
     });
+}
+
+#[test]
+fn rooms_are_listed_named_and_driven_to() {
+    let (_folder, map) = room();
+    let mut options = options(&map);
+    options.allow_write = true;
+    with_client(Assistant::with_places(options, Box::new(floor_places)).unwrap(), async |client| {
+        let (text, data) = client.ask("list_rooms", json!({})).await;
+        let rooms = data["rooms"].as_array().unwrap();
+        assert!(!rooms.is_empty() && rooms[0]["name"].is_null() && text.contains("room 1"), "{text}");
+        let object = rooms[0]["objects"][0].as_u64().unwrap();
+        client.ask("name_object", json!({ "object": object, "name": "toilet" })).await;
+        let (text, data) = client.ask("list_rooms", json!({})).await;
+        assert_eq!(
+            (&data["rooms"][0]["name"], &data["rooms"][0]["name_is_derived"]),
+            (&json!("bathroom"), &json!(true))
+        );
+        assert!(text.contains("bathroom (room 1), named by its objects"), "{text}");
+
+        let (_, data) = client.ask("name_room", json!({ "room": 1, "name": " guest bathroom " })).await;
+        assert_eq!((&data["name"], &data["name_before"]), (&json!("guest bathroom"), &json!("bathroom")));
+        let (text, data) = client.ask("where_is", json!({ "object": object })).await;
+        assert!(text.contains("guest bathroom"), "{text} {data}");
+        let saved = NamedMap::load(&map).unwrap().names;
+        assert_eq!(saved.rooms().iter().next().unwrap().name, "guest bathroom");
+        let (_, data) = client.ask("name_room", json!({ "room": 1, "name": "" })).await;
+        assert_eq!(data["name"], "bathroom");
+        for wrong in [json!({ "room": 99, "name": "x" }), json!({ "room": 1, "name": "x".repeat(301) })] {
+            client.refused("name_room", wrong).await;
+        }
+        let middle = middle_of_first(client).await;
+        let (text, data) = client.ask("route", json!({ "from": middle, "to": { "room": 1 }, "radius_m": 0.1 })).await;
+        assert!(text.contains("bathroom (room 1)") && data["length_m"].as_f64().unwrap() < 0.5, "{text}");
+        client.refused("route", json!({ "from": { "room": 99 }, "to": { "room": 1 } })).await;
+    });
+}
+
+/// The middle of the first room.
+async fn middle_of_first(client: &crate::support::Client) -> serde_json::Value {
+    client.ask("list_rooms", json!({})).await.1["rooms"][0]["middle_m"].clone()
 }
 
 #[test]

@@ -7,12 +7,12 @@
 use super::RunJob;
 use super::frame_history::{EarlierFrame, FrameHistory};
 use super::frame_loop::{EarlyEnd, LoopOutcome};
+use super::name_objects;
 use super::outputs;
 use super::progress::Progress;
 use super::result_writer::WriterOutcome;
 use super::shown_frames;
 use super::stop_signals::StopSignals;
-use super::name_objects;
 use crate::output_folder::result_files;
 use rayon::current_num_threads;
 use rayon::prelude::*;

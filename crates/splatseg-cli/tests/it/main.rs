@@ -42,6 +42,7 @@ mod poses;
 mod recording;
 mod report_browser;
 mod resume;
+mod route;
 mod save_mcap;
 mod segmenter_fastsam;
 mod settings;

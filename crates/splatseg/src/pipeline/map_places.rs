@@ -3,7 +3,7 @@
 use super::{NamedMap, Pipeline, depth_views};
 use glam::{DVec2, DVec3};
 use splatseg_geometry::{MapCopy, MapView, SegmentId, UpEstimate};
-use splatseg_objects::{ListedRoom, ObjectList, ObjectNames, Relation, SceneGraph, SceneRoom, relations};
+use splatseg_objects::{ListedRoom, NameError, ObjectList, ObjectNames, Relation, SceneGraph, SceneRoom, relations};
 use splatseg_odometry::{PoseSourceError, StateScope};
 use splatseg_places::{FloorPlan, KnownRooms, PlanError, PlanSettings, Room};
 use std::collections::BTreeMap;
@@ -19,6 +19,28 @@ pub enum MapPlanError {
     /// It does not show a floor, for example.
     #[error(transparent)]
     Plan(#[from] PlanError),
+}
+
+/// Why a room was not named.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum RoomNameError {
+    /// The plan has no room of this number.
+    #[error("room {number}: found no such room, expected one of {rooms:?}")]
+    NoRoom {
+        /// The number.
+        number: u32,
+        /// The numbers of the rooms.
+        rooms: Vec<u32>,
+    },
+    /// The name cannot be used.
+    #[error("room {number}: {source}")]
+    Name {
+        /// The number.
+        number: u32,
+        /// The problem.
+        source: NameError,
+    },
 }
 
 /// What the plan of a pipeline's map is made of, as it was at one moment: for another thread.
@@ -134,6 +156,25 @@ impl NamedMap {
         let mut plan = plan_of(&self.memory.map(), self.keyframes.as_deref(), &mut rooms, settings)?;
         plan.name_rooms(&self.names);
         Ok(plan)
+    }
+
+    /// Gives a room of a plan of this map the name of a person, or takes such a name away with `None`. The plan gets its new
+    /// names. The name belongs to the place where the room is widest.
+    ///
+    /// # Errors
+    /// [`RoomNameError`] if there is no such room, or the name cannot be used; then nothing has changed.
+    pub fn name_room(&mut self, plan: &mut FloorPlan, number: u32, name: Option<&str>) -> Result<(), RoomNameError> {
+        let room = plan.rooms().iter().find(|room| room.id == number);
+        let rooms = || plan.rooms().iter().map(|room| room.id).collect();
+        let place = plan.place_of(room.ok_or_else(|| RoomNameError::NoRoom { number, rooms: rooms() })?);
+        let mut rooms = self.names.rooms().clone();
+        rooms.remove(|place| plan.room_around(place).is_some_and(|other| other.id == number));
+        if let Some(name) = name {
+            rooms.add(place, name).map_err(|source| RoomNameError::Name { number, source })?;
+        }
+        *self.names.rooms_mut() = rooms;
+        plan.name_rooms(&self.names);
+        Ok(())
     }
 }
 
