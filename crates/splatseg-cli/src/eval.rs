@@ -67,6 +67,9 @@ pub struct EvalArguments {
     /// their index / 30
     #[arg(long, value_name = "FILE.txt|SCENE", conflicts_with_all = ["gt", "mesh"])]
     pub trajectory: Option<PathBuf>,
+    /// With --trajectory: scale the predicted path, too, for cameras without a measured scale
+    #[arg(long, requires = "trajectory")]
+    pub correct_scale: bool,
     /// With --trajectory: number of poses from start to end of the motions that RPE compares
     #[arg(long, value_name = "N", default_value = "30", requires = "trajectory")]
     pub rpe_frames: NonZeroUsize,

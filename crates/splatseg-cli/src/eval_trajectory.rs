@@ -18,6 +18,10 @@ struct TrajectoryEvaluation {
     /// Number of pairs of a true and a predicted pose.
     pairs: usize,
     path_length_m: f64,
+    /// The factor by which the predicted path was scaled.
+    scale: f64,
+    #[serde(skip)]
+    corrects_scale: bool,
     ate_m: Option<ErrorStatistics>,
     rpe_frames: usize,
     /// Number of motions that RPE compares.
@@ -38,12 +42,15 @@ pub fn eval_trajectory(arguments: &EvalArguments, truth: &Path) -> Result<(), Fa
     let predicted = read_trajectory(&predicted_file(pred)?).map_err(Failure::input)?;
     let true_poses = true_poses(arguments, truth)?;
     let rpe_frames = arguments.rpe_frames.get();
-    let settings = TrajectorySettings { rpe_frames, ..TrajectorySettings::default() };
+    let settings =
+        TrajectorySettings { rpe_frames, corrects_scale: arguments.correct_scale, ..TrajectorySettings::default() };
     let score = score_trajectory(&true_poses, &predicted, &settings)
         .map_err(|error| Failure::input(format!("{}: {error}", pred.display())))?;
     let evaluation = TrajectoryEvaluation {
         pairs: score.pairs,
         path_length_m: score.path_length_m,
+        scale: score.scale,
+        corrects_scale: arguments.correct_scale,
         ate_m: score.ate.map(|ate| ate.distance_m),
         rpe_frames,
         rpe_motions: score.rpe.map_or(0, |rpe| rpe.motions),
@@ -121,6 +128,10 @@ fn print(found: &TrajectoryEvaluation) {
         let cells = statistics.map(|errors| [errors.rmse, errors.mean, errors.median, errors.max]);
         let cell = |index: usize| cells.map_or("-".to_owned(), |cells| format!("{:.2}", unit * cells[index]));
         say!("{name:width$}{:>9}{:>9}{:>9}{:>9}", cell(0), cell(1), cell(2), cell(3));
+    }
+    if found.corrects_scale {
+        let share = found.ate_m.map_or(f64::NAN, |ate| 100.0 * ate.rmse / found.path_length_m);
+        say!("the predicted path was scaled by {:.4}; ATE is {share:.2} % of the true one", found.scale);
     }
     if found.ate_m.is_none() {
         say!("no ATE: the positions lie on one line, so that they determine no alignment");

@@ -12,6 +12,7 @@ pub use statistics::ErrorStatistics;
 
 use crate::MetricsError;
 use association::pairs_by_time;
+use glam::DVec3;
 use splatseg_geometry::{Pose, StampedPose};
 
 /// Options of [`score_trajectory`].
@@ -21,12 +22,14 @@ pub struct TrajectorySettings {
     pub max_seconds_apart: f64,
     /// Number of pose pairs from the start to the end of a relative motion (`evo`: `--delta`, with unit `f`).
     pub rpe_frames: usize,
+    /// Also scales the estimate, for cameras without a measured scale (`evo`: `-s`).
+    pub corrects_scale: bool,
 }
 
 impl Default for TrajectorySettings {
     /// `evo`'s maximum time, and one second at 30 frames per second.
     fn default() -> Self {
-        Self { max_seconds_apart: 0.01, rpe_frames: 30 }
+        Self { max_seconds_apart: 0.01, rpe_frames: 30, corrects_scale: false }
     }
 }
 
@@ -40,6 +43,8 @@ pub struct TrajectoryScore {
     /// Absolute trajectory error. `None` where `evo` refuses to align the trajectories, because the positions lie on one
     /// line: with fewer than three pairs, if the camera does not move, or along a straight path.
     pub ate: Option<AbsoluteError>,
+    /// The factor by which the estimate was scaled; 1 unless [`TrajectorySettings::corrects_scale`].
+    pub scale: f64,
     /// Relative pose error. `None` if there are not enough pairs for one relative motion.
     pub rpe: Option<RelativeError>,
 }
@@ -97,7 +102,7 @@ pub fn score_trajectory(
     estimate: &[StampedPose],
     settings: &TrajectorySettings,
 ) -> Result<TrajectoryScore, MetricsError> {
-    let pairs: Vec<PosePair> = pairs_by_time(truth, estimate, settings.max_seconds_apart)
+    let mut pairs: Vec<PosePair> = pairs_by_time(truth, estimate, settings.max_seconds_apart)
         .into_iter()
         .filter_map(|(truth_index, index)| {
             let (truth, estimate) = (truth.get(truth_index)?, estimate.get(index)?);
@@ -114,11 +119,16 @@ pub fn score_trajectory(
             max_seconds_apart: settings.max_seconds_apart,
         });
     }
+    let scale = if settings.corrects_scale { best_scale(&pairs) } else { 1.0 };
+    if scale != 1.0 {
+        pairs.iter_mut().for_each(|pair| pair.estimate = pair.estimate.scaled(scale));
+    }
     let steps = pairs.array_windows().map(|[one, next]| one.truth.translation().distance(next.truth.translation()));
     Ok(TrajectoryScore {
         pairs: pairs.len(),
         path_length_m: steps.sum(),
         ate: absolute_error(&pairs),
+        scale,
         rpe: relative_error(&pairs, settings.rpe_frames),
     })
 }
@@ -134,6 +144,22 @@ fn time_range(poses: &[StampedPose]) -> Option<(f64, f64)> {
 struct PosePair {
     truth: Pose,
     estimate: Pose,
+}
+
+/// The factor of the estimate with which its alignment is best (Umeyama, PAMI 1991); 1 if there is none.
+fn best_scale(pairs: &[PosePair]) -> f64 {
+    let Some(alignment) = RigidAlignment::between(pairs) else { return 1.0 };
+    let count = pairs.len() as f64;
+    let truth_mean = pairs.iter().map(|pair| pair.truth.translation()).sum::<DVec3>() / count;
+    let estimate_mean = pairs.iter().map(|pair| pair.estimate.translation()).sum::<DVec3>() / count;
+    let (mut product, mut square) = (0.0, 0.0);
+    for pair in pairs {
+        let estimate = pair.estimate.translation() - estimate_mean;
+        product += (pair.truth.translation() - truth_mean).dot(alignment.rotation * estimate);
+        square += estimate.length_squared();
+    }
+    let scale = product / square;
+    if scale.is_finite() && scale > 0.0 { scale } else { 1.0 }
 }
 
 fn absolute_error(pairs: &[PosePair]) -> Option<AbsoluteError> {

@@ -86,3 +86,19 @@ fn the_length_of_the_path_is_that_of_the_paired_true_poses() {
     assert_eq!((score.pairs, score.path_length_m, score.ate), (3, 4.0, None));
     assert_eq!(score.rpe.map(|rpe| rpe.translation_m.max), Some(0.0));
 }
+
+#[test]
+fn a_path_of_another_scale_is_scaled() {
+    let pose = |seconds: f64, factor: f64| {
+        let position = DVec3::new(seconds.sin(), 0.3 * seconds * seconds, seconds.cos()) * factor;
+        let world_from_camera = Pose::from_quaternion(position, DQuat::from_rotation_z(seconds)).unwrap();
+        StampedPose { seconds, world_from_camera }
+    };
+    let path = |factor: f64| (0..60).map(|frame| pose(f64::from(frame) / 30.0, factor)).collect::<Vec<_>>();
+    let settings = TrajectorySettings { corrects_scale: true, ..TrajectorySettings::default() };
+    let found = score_trajectory(&path(1.0), &path(1.25), &settings).unwrap();
+    assert!((found.scale - 0.8).abs() < 1e-9 && found.ate.unwrap().distance_m.rmse < 1e-9, "{found:?}");
+    assert!(found.rpe.unwrap().translation_m.max < 1e-9);
+    let unscaled = score_trajectory(&path(1.0), &path(1.25), &TrajectorySettings::default()).unwrap();
+    assert!(unscaled.scale == 1.0 && unscaled.ate.unwrap().distance_m.rmse > 0.05);
+}

@@ -211,10 +211,11 @@ impl<'a> PipelineBuilder<'a> {
             self.names.set_namer(namer);
             self = self.keep_views();
         }
+        let poses = self.settings.run.poses;
         let depth = match (self.depth_predictor.take(), &self.settings.depth_predictor) {
-            (Some((predictor, used)), _) => Some(DepthStage::new(predictor, used)),
+            (Some((predictor, used)), _) => Some(DepthStage::new(predictor, used, poses)),
             (None, Some(predictor)) => {
-                Some(DepthStage::new(predictor.build(&self.context())?, self.settings.run.predicted_depth))
+                Some(DepthStage::new(predictor.build(&self.context())?, self.settings.run.predicted_depth, poses))
             }
             (None, None) => None,
         };

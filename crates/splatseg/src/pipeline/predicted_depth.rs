@@ -8,6 +8,7 @@ use super::working_resolution::WorkingFrame;
 use splatseg_depth::{DepthFit, DepthPredictor, DepthPredictorError, FitPrior, PredictedDepth, filled};
 use splatseg_geometry::{CameraFrame, CowImage, Image, Pose, RgbdFrame};
 use splatseg_memory::SplatMemory;
+use splatseg_odometry::{CameraPose, PoseMode, PoseState};
 use splatseg_settings::choices;
 
 choices! {
@@ -40,14 +41,18 @@ const MIN_COMPARED: f32 = 0.2;
 pub(super) struct DepthStage {
     predictor: Box<dyn DepthPredictor>,
     used: PredictedDepthUse,
-    prior: FitPrior,
-    /// The last two poses, newest first.
-    last: [Option<Pose>; 2],
+    /// True if poses that come with frames are where the camera is, and not only about there or ignored.
+    trusts_given: bool,
+    /// The last fit that could compare enough.
+    last: DepthFit,
+    /// The depth of a frame whose pose is not known yet, as it was predicted.
+    unfitted: Option<UnfittedDepth>,
 }
 
 impl DepthStage {
-    pub(super) fn new(predictor: Box<dyn DepthPredictor>, used: PredictedDepthUse) -> Self {
-        Self { predictor, used, prior: FitPrior::default(), last: [None; 2] }
+    pub(super) fn new(predictor: Box<dyn DepthPredictor>, used: PredictedDepthUse, poses: PoseMode) -> Self {
+        let trusts_given = matches!(poses, PoseMode::Auto | PoseMode::Given);
+        Self { predictor, used, trusts_given, last: DepthFit::of_prior(FitPrior::default()), unfitted: None }
     }
 
     /// True if no measured depth is used.
@@ -81,26 +86,48 @@ impl DepthStage {
         Ok(with_depth(frame, depth, predicted))
     }
 
-    /// Fits the depth of a frame to the map, about at the pose where the camera is, or at the one that it is expected to
-    /// have.
-    pub(super) fn fit(&mut self, frame: &mut WorkingFrame<'_>, memory: Option<&SplatMemory>, given: Option<&Pose>) {
+    /// Makes the depth of a frame fit before its pose is known, unless one is `given`: as that of the frame before did, since
+    /// a predictor's errors change slowly. A fit to the map at an expected pose would bend the depth until tracking finds that
+    /// pose.
+    pub(super) fn before_pose(
+        &mut self,
+        frame: &mut WorkingFrame<'_>,
+        memory: Option<&SplatMemory>,
+        given: Option<&Pose>,
+    ) {
         if !self.predicts_all() {
             return;
         }
-        let pose = given.copied().or_else(|| self.expected_pose());
-        let fit = match (memory, pose) {
-            (Some(memory), Some(pose)) => {
+        match given.filter(|_| self.trusts_given) {
+            Some(pose) => self.fit(frame, memory, pose),
+            None => {
+                self.unfitted = Some(UnfittedDepth::of(frame));
+                frame.change_depth(|depth| self.last.apply(depth));
+            }
+        }
+    }
+
+    /// Fits the depth of a tracked frame to the map, where the camera is now known to be.
+    pub(super) fn after_pose(&mut self, frame: &mut WorkingFrame<'_>, memory: Option<&SplatMemory>, pose: &CameraPose) {
+        if let Some(unfitted) = self.unfitted.take().filter(|_| pose.state == PoseState::Tracked) {
+            unfitted.restore(frame);
+            self.fit(frame, memory, &pose.world_from_camera);
+        }
+    }
+
+    /// Fits the depth of a frame to the map as it is seen from a pose.
+    fn fit(&mut self, frame: &mut WorkingFrame<'_>, memory: Option<&SplatMemory>, pose: &Pose) {
+        let prior = self.last.prior();
+        let fit = match memory {
+            Some(memory) => {
                 let working = frame.working();
                 let width = COMPARED_WIDTH.min(working.width());
                 let height = (working.height() * width / working.width()).max(1);
-                let known = memory.expected_depth(&working.intrinsics().resized(width, height), &pose);
-                DepthFit::new(working.depth(), &known, self.prior)
+                let known = memory.expected_depth(&working.intrinsics().resized(width, height), pose);
+                DepthFit::new(working.depth(), &known, prior)
             }
-            _ => DepthFit::of_prior(self.prior),
+            None => DepthFit::of_prior(prior),
         };
-        if fit.compared >= MIN_COMPARED {
-            self.prior = fit.prior();
-        }
         tracing::debug!(
             compared = fit.compared,
             error = fit.error,
@@ -108,18 +135,8 @@ impl DepthStage {
             shift = fit.prior().shift
         );
         frame.change_depth(|depth| fit.apply(depth));
-    }
-
-    /// Records where a frame was taken.
-    pub(super) fn placed(&mut self, pose: &Pose) {
-        self.last = [Some(*pose), self.last[0]];
-    }
-
-    /// The pose of the next frame if the camera moves on as before.
-    fn expected_pose(&self) -> Option<Pose> {
-        match self.last {
-            [Some(newest), Some(before)] => Some(newest * (before.inverse() * newest)),
-            [newest, _] => newest,
+        if fit.compared >= MIN_COMPARED {
+            self.last = fit;
         }
     }
 }
@@ -135,6 +152,34 @@ impl DepthAgain {
     pub fn frame(&mut self, frame: RgbdFrame<'static>) -> Result<RgbdFrame<'static>, DepthPredictorError> {
         let pose = *frame.world_from_camera();
         Ok(self.0.predicted(frame.into_camera_frame())?.at(pose))
+    }
+}
+
+/// The depth of a frame as it was predicted.
+struct UnfittedDepth {
+    whole: Image<f32>,
+    reduced: Option<Image<f32>>,
+}
+
+impl UnfittedDepth {
+    fn of(frame: &WorkingFrame<'_>) -> Self {
+        let depth = |frame: &CameraFrame<'_>| frame.depth().clone().into_owned();
+        Self { whole: depth(&frame.whole), reduced: frame.reduced.as_ref().map(depth) }
+    }
+
+    fn restore(self, frame: &mut WorkingFrame<'_>) {
+        let restored = |frame: &CameraFrame<'_>, depth: Image<f32>| {
+            let predicted = frame.predicted()?.clone().into_owned();
+            frame.clone().into_owned().with_predicted_depth(depth, predicted).ok()
+        };
+        if let Some(whole) = restored(&frame.whole, self.whole) {
+            frame.whole = whole;
+        }
+        if let Some((reduced, depth)) = frame.reduced.as_mut().zip(self.reduced)
+            && let Some(restored) = restored(reduced, depth)
+        {
+            *reduced = restored;
+        }
     }
 }
 

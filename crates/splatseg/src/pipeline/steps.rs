@@ -166,21 +166,22 @@ impl Pipeline {
     ) -> Result<Placed, PoseSourceError> {
         if let Some(depth) = &mut self.depth {
             let memory = self.method.memory();
-            in_thread_pool(|| depth.fit(frame, memory, given));
+            in_thread_pool(|| depth.before_pose(frame, memory, given));
         }
         let corrected: Vec<(usize, Pose)> = std::mem::take(&mut self.corrected).into_iter().collect();
         let input = PoseInput { index, given, corrected: &corrected };
         let (update, time) = timed(|| in_thread_pool(|| self.poses.pose(frame.working(), input)));
         let PoseUpdate { pose, anchor, correction, events, doubts, turn } = update?;
-        if let Some(depth) = &mut self.depth {
-            depth.placed(&pose.world_from_camera);
-        }
         let remapped = correction.map_or_else(Vec::new, |correction| self.method.correct_map(&correction));
         if !remapped.is_empty() {
             self.poses.receive(MethodFindings { remapped: &remapped, segments: None });
             self.objects.remap(&remapped);
             self.names.remap(&remapped);
             self.history.remap(&remapped);
+        }
+        if let Some(depth) = &mut self.depth {
+            let memory = self.method.memory();
+            in_thread_pool(|| depth.after_pose(frame, memory, &pose));
         }
         self.method.set_anchor(&anchor);
         self.unreported.remapped.extend(remapped);
