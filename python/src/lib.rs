@@ -7,6 +7,7 @@ mod arrays;
 mod command;
 mod errors;
 mod evaluation;
+mod lens;
 mod live;
 mod merging;
 mod names;
@@ -26,6 +27,8 @@ mod _splatseg {
     use super::command::run_command;
     #[pymodule_export]
     use super::evaluation::evaluate;
+    #[pymodule_export]
+    use super::lens::Lens;
     #[pymodule_export]
     use super::live::Live;
     #[pymodule_export]

@@ -10,6 +10,7 @@ from typing_extensions import Self
 
 __all__ = [
     "Frames",
+    "Lens",
     "Live",
     "Names",
     "Pipeline",
@@ -40,6 +41,18 @@ _Frame: TypeAlias = tuple[
 ]
 _Sighting: TypeAlias = tuple[int, int, tuple[int, int, int, int], float, int, int]
 _Tracks: TypeAlias = tuple[list[int], NDArray[np.bool_]]
+
+@final
+class Lens:
+    def __new__(cls) -> Self: ...
+    def undistort(
+        self,
+        rgb: NDArray[np.uint8],
+        depth: NDArray[Any],
+        k: ArrayLike,
+        distortion: tuple[str, list[float]],
+        depth_scale: float | None = None,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]: ...
 
 @final
 class Live:
