@@ -8,6 +8,7 @@ mod command;
 mod depth;
 mod errors;
 mod evaluation;
+mod lens;
 mod live;
 mod merging;
 mod names;
@@ -30,6 +31,8 @@ mod _splatseg {
     use super::depth::Depth;
     #[pymodule_export]
     use super::evaluation::evaluate;
+    #[pymodule_export]
+    use super::lens::Lens;
     #[pymodule_export]
     use super::live::Live;
     #[pymodule_export]

@@ -294,3 +294,36 @@ def test_without_poses_the_camera_is_tracked() -> None:
     given = pipeline.step(frame.rgb, frame.depth, K=frame.K, camera_to_world=frame.camera_to_world)
     assert given.pose_state == "given"
     np.testing.assert_allclose(given.camera_to_world, frame.camera_to_world, atol=1e-9)
+
+
+def test_a_lens_is_corrected_as_in_a_recording(tmp_path):
+    distortion = ("plumb_bob", [-0.3, 0.1, 0.001, -0.002, 0.02])
+    rgb = np.random.default_rng(3).integers(0, 255, (48, 64, 3), np.uint8)
+    depth = np.full((48, 64), 2000, np.uint16)
+    depth[:, 40:] = 1500
+    for name, picture in [("color", rgb), ("depth", depth)]:
+        (tmp_path / name).mkdir()
+        Image.fromarray(picture).save(tmp_path / name / "0.png")
+    camera = {"fx": 60, "fy": 60, "cx": 31.5, "cy": 23.5, "width": 64, "height": 48, "depth_scale": 1000}
+    lens = {"distortion_model": distortion[0], "distortion_coefficients": distortion[1]}
+    (tmp_path / "camera.json").write_text(json.dumps(camera | lens))
+    (recorded,) = ss.open_scene(tmp_path)
+    pipeline = ss.FastSamSplat()
+    K = [[60, 0, 31.5], [0, 60, 23.5], [0, 0, 1]]
+    result = pipeline.step(rgb, depth, K=K, depth_scale=1000, distortion=distortion)
+    assert (result.rgb != rgb).any()
+    np.testing.assert_array_equal(result.rgb, recorded.rgb)
+    np.testing.assert_array_equal(result.depth, recorded.depth)
+    np.testing.assert_array_equal(pipeline.look_again(result).shape, (48, 64))
+    without = ss.FastSamSplat().step(rgb, depth, K=K, depth_scale=1000, distortion=("plumb_bob", [0.0] * 5))
+    np.testing.assert_array_equal(without.rgb, rgb)
+    for wrong, text in [
+        (("plum", [1.0]), "plum"),
+        (("plumb_bob", [1.0]), "plumb_bob"),
+        (("plumb_bob", [np.nan] * 5), "NaN"),
+    ]:
+        with pytest.raises(ValueError, match=f"distortion: .*{text}"):
+            pipeline.step(rgb, depth, K=K, depth_scale=1000, distortion=wrong)
+    with pytest.raises(ValueError, match="depth"):
+        pipeline.step(rgb, depth[:20], K=K, depth_scale=1000, distortion=distortion)
+    assert pipeline.frames == 1

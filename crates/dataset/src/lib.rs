@@ -86,7 +86,7 @@ pub use synthetic::{
     Thing, ThingKind, TrueChange, Visit,
 };
 pub use tum::TumScene;
-pub use undistort::Undistortion;
+pub use undistort::{LensCorrection, Undistortion};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

@@ -21,13 +21,37 @@ const POSSIBLE_FOCAL: std::ops::RangeInclusive<f32> = 0.005..=1000.0;
 /// Usual focal lengths in image widths; others cause a warning. Fields of view from 3 to 157 degrees.
 const USUAL_FOCAL: std::ops::RangeInclusive<f32> = 0.1..=20.0;
 
-/// Logs a warning once per process: a benchmark opens a scene for each of its runs.
+/// So many bytes of warnings are remembered: a process that opens many damaged recordings would collect theirs without end.
+const REMEMBERED_BYTES: usize = 1 << 20;
+
+/// Warnings that were logged.
+#[derive(Debug)]
+struct Logged {
+    texts: BTreeSet<String>,
+    bytes: usize,
+}
+
+impl Logged {
+    const NONE: Self = Self { texts: BTreeSet::new(), bytes: 0 };
+
+    /// Remembers a warning. Returns false if it was logged before, as far as that is remembered.
+    fn add(&mut self, text: &str) -> bool {
+        if self.texts.contains(text) {
+            return false;
+        }
+        if self.bytes + text.len() > REMEMBERED_BYTES {
+            *self = Self::NONE;
+        }
+        self.bytes += text.len();
+        self.texts.insert(text.to_owned())
+    }
+}
+
+/// Logs a warning once per process, as far as it is remembered: a benchmark opens a scene for each of its runs.
 pub(crate) fn warn_once(text: String) {
-    static LOGGED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
-    let mut logged = LOGGED.lock().unwrap_or_else(PoisonError::into_inner);
-    if !logged.contains(&text) {
+    static LOGGED: Mutex<Logged> = Mutex::new(Logged::NONE);
+    if LOGGED.lock().unwrap_or_else(PoisonError::into_inner).add(&text) {
         tracing::warn!("{text}");
-        logged.insert(text);
     }
 }
 
@@ -168,6 +192,18 @@ mod tests {
         let frame = CameraFrame::new(format!("at {x}"), color, depth, CAMERA).unwrap();
         let warnings = checks.warnings(&frame, Some(DVec3::X * f64::from(x)));
         warnings.into_iter().map(|(_, text)| text).collect()
+    }
+
+    #[test]
+    fn warnings_are_remembered_within_limits() {
+        let mut logged = Logged::NONE;
+        assert!(logged.add("a") && !logged.add("a") && logged.add("b"));
+        for number in 0..3000 {
+            let text = format!("{number:01000}");
+            assert!(logged.add(&text) && !logged.add(&text));
+            assert!(logged.bytes <= REMEMBERED_BYTES && logged.texts.len() <= REMEMBERED_BYTES / 1000 + 2);
+        }
+        assert!(logged.add("a"), "it is forgotten");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::DatasetError;
 use crate::files::MemoryRequirement;
 use glam::{DVec2, dvec2};
-use splatseg_geometry::{CowImage, Distortion, Image, Intrinsics};
+use splatseg_geometry::{CowImage, Distortion, Image, Intrinsics, Pose};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -11,6 +11,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 const BYTES_PER_PIXEL: u64 = size_of::<Option<[f32; 2]>>() as u64;
 /// A view is widened by at most this share of an image's side at each end.
 const MAX_WIDENING: f64 = 0.5;
+/// What is nearer than this is not needed of an image that is warped to another camera, metres.
+const NEAREST_M: f64 = 0.1;
+/// Pixels around what is needed, for the pixels that are spread out when depth is warped.
+const NEEDED_MARGIN: f64 = 2.0;
+/// What is farther aside than this, as the share of its distance that lies forward, has no bounds.
+const MIN_FORWARD: f64 = 0.05;
 /// Number of places along each side of an image at which its view is measured.
 const BORDER_PLACES: usize = 64;
 
@@ -144,25 +150,70 @@ fn optics(camera: &Intrinsics) -> (DVec2, DVec2) {
 }
 
 /// Returns a pinhole camera with the focal lengths of a distorted one that sees all of its image, as far as twice its size
-/// suffices.
-fn whole_view(camera: &Intrinsics, distortion: &Distortion) -> Intrinsics {
+/// suffices, and as far as the cameras to which it is warped see it.
+fn whole_view(camera: &Intrinsics, distortion: &Distortion, seen_by: &SeenBy) -> Intrinsics {
     let (focal, center) = optics(camera);
     let last = dvec2(camera.width as f64, camera.height as f64) - 1.0;
     let room = (last + 1.0) * MAX_WIDENING;
     let (mut low, mut high) = (DVec2::ZERO, last);
-    for place in 0..=BORDER_PLACES {
-        let along = last * (place as f64 / BORDER_PLACES as f64);
-        for pixel in [dvec2(along.x, 0.0), dvec2(along.x, last.y), dvec2(0.0, along.y), dvec2(last.x, along.y)] {
-            // Nothing is seen where the lens shows nothing.
-            if let Some(point) = distortion.undistort((pixel - center) / focal) {
-                let seen = (point * focal + center).clamp(-room, last + room);
-                (low, high) = (low.min(seen), high.max(seen));
-            }
+    for pixel in border(last) {
+        // Nothing is seen where the lens shows nothing.
+        if let Some(point) = distortion.undistort((pixel - center) / focal) {
+            let seen = (point * focal + center).clamp(-room, last + room);
+            (low, high) = (low.min(seen), high.max(seen));
         }
+    }
+    if let Some((needed_low, needed_high)) = seen_by.bounds() {
+        let (first, end) = (needed_low * focal + center - NEEDED_MARGIN, needed_high * focal + center + NEEDED_MARGIN);
+        // Cameras that see nothing in common keep one pixel.
+        low = low.max(first).min(high);
+        high = high.min(end).max(low);
     }
     let (low, high) = (low.floor(), high.ceil());
     let (size, center) = (high - low + 1.0, center - low);
     Intrinsics { cx: center.x as f32, cy: center.y as f32, width: size.x as usize, height: size.y as usize, ..*camera }
+}
+
+/// Returns places along the border of an image whose last pixel is `last`.
+fn border(last: DVec2) -> impl Iterator<Item = DVec2> {
+    (0..=BORDER_PLACES).flat_map(move |place| {
+        let along = last * (place as f64 / BORDER_PLACES as f64);
+        [dvec2(along.x, 0.0), dvec2(along.x, last.y), dvec2(0.0, along.y), dvec2(last.x, along.y)]
+    })
+}
+
+/// The cameras to which an image is warped after it was undistorted: what they do not see needs not be drawn.
+#[derive(Clone, Debug)]
+pub(crate) struct SeenBy {
+    pub(crate) cameras: Vec<Intrinsics>,
+    /// From the coordinates of the undistorted camera to theirs.
+    pub(crate) from_undistorted: Pose,
+}
+
+impl SeenBy {
+    /// Returns the lowest and highest coordinates, at a depth of 1, of what the cameras see from [`NEAREST_M`] on; `None` if
+    /// some of it is beside or behind the undistorted camera.
+    fn bounds(&self) -> Option<(DVec2, DVec2)> {
+        let to_undistorted = self.from_undistorted.inverse();
+        let (turn, shift) = (to_undistorted.rotation(), to_undistorted.translation());
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for camera in &self.cameras {
+            let (focal, center) = optics(camera);
+            let last = dvec2(camera.width as f64, camera.height as f64) - 1.0;
+            for pixel in border(last + 1.0) {
+                let ray = ((pixel - 0.5 - center) / focal).extend(1.0);
+                // Far away and near; between, it moves along a line.
+                for point in [turn * ray, turn * (ray * NEAREST_M) + shift] {
+                    if point.z < MIN_FORWARD * point.length() {
+                        return None;
+                    }
+                    let seen = point.truncate() / point.z;
+                    (low, high) = (low.min(seen), high.max(seen));
+                }
+            }
+        }
+        low.is_finite().then_some((low, high)).filter(|(_, high)| high.is_finite())
+    }
 }
 
 /// Splits a position inside the image into the pixel at or before it and the remainder, 0 to 1. Positions are clamped
@@ -171,6 +222,33 @@ fn split(at: f32, len: usize) -> (usize, f32) {
     let at = at.clamp(0.0, (len - 1) as f32);
     let before = at.floor();
     (before as usize, at - before)
+}
+
+/// Corrects the lens of a camera whose frames arrive one by one, as recordings are corrected when they are read. The map is
+/// computed again only when the camera or its lens changes.
+#[derive(Debug, Default)]
+pub struct LensCorrection {
+    maps: UndistortionCache,
+}
+
+impl LensCorrection {
+    /// Undistorts a frame's colour and its depth (metres) of the same pixels, `[height, width]`. The intrinsics stay as they
+    /// are. `name` is that of the camera, for errors.
+    ///
+    /// # Errors
+    /// As [`Undistortion::new`], [`Undistortion::color`] and [`Undistortion::depth`].
+    pub fn correct(
+        &self,
+        (color, depth): (Image<[u8; 3]>, Image<f32>),
+        (intrinsics, distortion): (&Intrinsics, &Distortion),
+        name: &str,
+    ) -> Result<(Image<[u8; 3]>, Image<f32>), DatasetError> {
+        let (camera, path) = (Camera { intrinsics: *intrinsics, distortion: *distortion }, Path::new(name));
+        match self.maps.get(&camera, path)?.map {
+            Some(map) => Ok((map.color(&color, path)?, map.depth(&depth, path)?)),
+            None => Ok((color, depth)),
+        }
+    }
 }
 
 /// A camera whose images are undistorted before they are used.
@@ -193,8 +271,8 @@ impl Camera {
 #[derive(Debug, Default)]
 pub(crate) struct UndistortionCache {
     last: Mutex<Option<(Camera, Undistorted)>>,
-    /// True if all that the lens shows is drawn; otherwise the image keeps its size.
-    is_whole: bool,
+    /// If given, all that the lens shows and these cameras see is drawn; otherwise the image keeps its size.
+    seen_by: Option<SeenBy>,
 }
 
 /// The camera of undistorted images, and the map to them; `None` if its lens does not distort.
@@ -205,9 +283,9 @@ pub(crate) struct Undistorted {
 }
 
 impl UndistortionCache {
-    /// Creates one of images of which all that the lens shows is drawn.
-    pub(crate) fn whole() -> Self {
-        Self { is_whole: true, ..Self::default() }
+    /// Creates one of images that are warped to other cameras: all that the lens shows and they see is drawn.
+    pub(crate) fn warped_to(seen_by: SeenBy) -> Self {
+        Self { seen_by: Some(seen_by), ..Self::default() }
     }
 
     /// Returns how the images of a camera are undistorted. `path` is named in errors.
@@ -222,10 +300,49 @@ impl UndistortionCache {
         {
             return Ok(undistorted.clone());
         }
-        let target = if self.is_whole { whole_view(intrinsics, distortion) } else { *intrinsics };
+        let target = match &self.seen_by {
+            Some(seen_by) => whole_view(intrinsics, distortion, seen_by),
+            None => *intrinsics,
+        };
         let map = Undistortion::to_camera((intrinsics, distortion), &target, path)?.map(Arc::new);
         let undistorted = Undistorted { camera: target, map };
         *last = Some((*camera, undistorted.clone()));
         Ok(undistorted)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DVec3, dvec3};
+
+    /// A camera that sees as much as the wide mode of an Azure Kinect, beside a colour camera of 90 degrees.
+    #[test]
+    fn what_is_warped_is_drawn_as_far_as_it_is_seen() {
+        let depth = Intrinsics { fx: 504.0, fy: 504.0, cx: 511.5, cy: 511.5, width: 1024, height: 1024 };
+        let color = Intrinsics { fx: 980.0, fy: 980.0, cx: 1023.5, cy: 767.5, width: 2048, height: 1536 };
+        let lens = Distortion::from_coefficients("equidistant", &[0.01, 0.0, 0.0, 0.0]).unwrap();
+        let color_from_depth = Pose::from_translation(dvec3(-0.032, -0.002, 0.004));
+        let view = |cameras: Vec<Intrinsics>, from_undistorted: Pose| {
+            whole_view(&depth, &lens, &SeenBy { cameras, from_undistorted })
+        };
+        let (whole, seen) = (view(Vec::new(), color_from_depth), view(vec![color], color_from_depth));
+        let pixels = |camera: &Intrinsics| camera.width * camera.height;
+        assert!(2 * pixels(&seen) < pixels(&whole), "{seen:?} {whole:?}");
+        for z in [NEAREST_M, 1.0, 1e6] {
+            for (column, row) in [(0.0, 0.0), (2047.0, 0.0), (0.0, 1535.0), (2047.0, 1535.0), (1000.0, 0.0)] {
+                let ray = dvec3((column - 1023.5) / 980.0, (row - 767.5) / 980.0, 1.0);
+                let point: DVec3 = ray * z - color_from_depth.translation();
+                let (focal, center) = optics(&seen);
+                let pixel = point.truncate() / point.z * focal + center;
+                let end = dvec2(seen.width as f64, seen.height as f64) - 1.0;
+                assert!(pixel.cmpge(DVec2::ZERO).all() && pixel.cmple(end).all(), "{pixel} of {seen:?}");
+            }
+        }
+        // What looks the other way sees nothing that could be left out, and the view stays valid.
+        let back = Pose::from_quaternion(DVec3::ZERO, glam::DQuat::from_rotation_y(std::f64::consts::PI)).unwrap();
+        assert_eq!(view(vec![color], back), whole);
+        let aside = Pose::from_translation(dvec3(1e3, 0.0, 0.0));
+        assert!(view(vec![Intrinsics { width: 2, height: 2, ..color }], aside).validated().is_ok());
     }
 }

@@ -12,7 +12,10 @@ const HEAD_BYTES: u64 = 64;
 const SHOWN_BYTES: usize = 16;
 
 /// Files of other programs: first bytes, ending of the name, either of which may be empty; what they are, and what to do.
-const FOREIGN: [(&[u8], &str, &str, &str); 7] = [
+const FOREIGN: [(&[u8], &str, &str, &str); 10] = [
+    (b"#ROSBAG V", "", "a bag of ROS 1 with another name", "a file whose name ends with .bag"),
+    (b"\x89MCAP", "", "an MCAP recording with another name", "a file whose name ends with .mcap"),
+    (b"SQLite format 3\0", "", "an SQLite file with another name", "a recording of rosbag2, whose name ends with .db3"),
     (b"NI10", ".oni", "a recording of OpenNI", "its frames, extracted with NiViewer or OpenNI's samples, as a folder"),
     (b"", ".svo", "a recording of a ZED camera", "an MCAP recording of its ROS 2 wrapper, which plays the file"),
     (b"", ".svo2", "a recording of a ZED camera", "an MCAP recording of its ROS 2 wrapper, which plays the file"),

@@ -10,7 +10,7 @@ use super::options::{CameraOptions, TopicOptions};
 use clap::Args;
 use serde::Serialize;
 use serde_json::{Value, json};
-use splatseg_dataset::RecordingScene;
+use splatseg_dataset::{DatasetSettings, RecordingScene, open_scene};
 use splatseg_models::checkpoint::{Architecture, Checkpoint, CheckpointError, Dtype, Format, printable};
 use splatseg_models::clip::ClipNetwork;
 use splatseg_models::completeness::missing_tensors;
@@ -77,7 +77,7 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     if scene::is_scene(&arguments.file) {
         return scene::inspect(arguments);
     }
-    let checkpoint = Checkpoint::open(&arguments.file).map_err(Failure::input)?;
+    let checkpoint = Checkpoint::open(&arguments.file).map_err(|error| not_read(arguments, error))?;
     let complaints = complaints(&checkpoint)?;
     if arguments.json {
         print_json(&described(&checkpoint, &complaints, arguments.tensors))?;
@@ -107,6 +107,19 @@ pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
             let texts: Vec<&str> = complaints.iter().map(|(_, complaint)| complaint.as_str()).collect();
             Err(Failure::input(format!("{}: {}", arguments.file.display(), texts.join("; "))))
         }
+    }
+}
+
+/// Returns why a file is not read: as a checkpoint, if it is called one or must be one, otherwise as anything.
+fn not_read(arguments: &InspectArguments, error: CheckpointError) -> Failure {
+    let ending = arguments.file.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+    let is_called_checkpoint = ending.is_some_and(|ending| CHECKPOINT_ENDINGS.contains(&ending.as_str()));
+    if is_called_checkpoint || arguments.convert.is_some() || arguments.tensors {
+        return Failure::input(error);
+    }
+    match open_scene(&arguments.file, &DatasetSettings::default()) {
+        Err(other) => Failure::input(other),
+        Ok(_) => Failure::input(error),
     }
 }
 
@@ -225,6 +238,8 @@ fn print_depth_anything(checkpoint: &Checkpoint) {
     }
 }
 
+/// Endings of the names of checkpoints.
+const CHECKPOINT_ENDINGS: [&str; 6] = ["pt", "pth", "ckpt", "bin", "safetensors", "pkl"];
 /// Maximum number of names listed without `--tensors`.
 const LISTED: usize = 10;
 

@@ -12,6 +12,7 @@ __all__ = [
     "Depth",
     "FloorPlan",
     "Frames",
+    "Lens",
     "Live",
     "Names",
     "Pipeline",
@@ -70,6 +71,18 @@ class SavedMap:
     def mesh(
         self, voxel: float | None
     ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.uint32], NDArray[np.uint32]]: ...
+
+@final
+class Lens:
+    def __new__(cls) -> Self: ...
+    def undistort(
+        self,
+        rgb: NDArray[np.uint8],
+        depth: NDArray[Any],
+        k: ArrayLike,
+        distortion: tuple[str, list[float]],
+        depth_scale: float | None = None,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]: ...
 
 @final
 class Live:

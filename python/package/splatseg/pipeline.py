@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -81,6 +81,7 @@ class Pipeline:
             function = segmenter
         elif segmenter is not None:
             settings["segmenter"] = segmenter
+<<<<<<< HEAD
         predictor, use = settings.get("depth_predictor"), None
         if isinstance(predictor, Depth):
             own = settings.get("depth_anything", {})
@@ -93,6 +94,10 @@ class Pipeline:
         else:
             predictor = None
         self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views, predictor, use)
+=======
+        self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views)
+        self._lens = _splatseg.Lens()
+>>>>>>> anyrec
 
     @classmethod
     def load(
@@ -126,6 +131,7 @@ class Pipeline:
         timestamp: float | None = None,
         name: str | None = None,
         depth_scale: float | None = None,
+        distortion: tuple[str, Sequence[float]] | None = None,
     ) -> StepResult:
         """Processes the next frame of a camera.
 
@@ -134,12 +140,18 @@ class Pipeline:
         metre (1000 for millimetres) other units, and uint16. Floats whose median is above 100 are refused without it. ``K``: the camera matrix, 3x3, pixels. ``camera_to_world``: the pose,
         4x4, metres, camera axes x right, y down, z forward, unless the pipeline was made with ``dataset.pose_convention``
         and kin (poses of a scene opened with them are converted already); without it the camera is tracked.
-        ``timestamp``: seconds. Input that contradicts itself, e.g. poses that do not fit the images, causes a
+        ``timestamp``: seconds. ``distortion``: the lens of both images, a model and its coefficients as in ROS's
+        ``CameraInfo``, e.g. ``("plumb_bob", [k1, k2, p1, p2, k3])``: they are undistorted first, and the result has the
+        undistorted images, with depth in metres. Input that contradicts itself, e.g. poses that do not fit the images, causes a
         ``UserWarning``.
 
         The GIL is released during the computation. Invalid arguments raise ``TypeError`` or ``ValueError`` with the
         found and the expected value, and leave the memory unchanged. Exceptions of the segmenter are passed on.
         """
+        if distortion is not None:
+            model, coefficients = distortion
+            rgb, depth = self._lens.undistort(rgb, depth, K, (model, list(coefficients)), depth_scale)
+            depth_scale = None
         ids, confidence, sightings, masks, times, pose, pose_state, remapped, regions = self._pipeline.step(
             rgb, depth, K, camera_to_world, timestamp, name, depth_scale
         )

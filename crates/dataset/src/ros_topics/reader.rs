@@ -13,8 +13,7 @@ use crate::plausibility::warn_once;
 use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};
 use crate::scene::{entry, require_registered};
-use crate::undistort::Undistortion;
-use crate::undistort::{Camera, UndistortionCache};
+use crate::undistort::{Camera, SeenBy, Undistortion, UndistortionCache};
 use crate::{DatasetError, DepthRegistration};
 use glam::DVec3;
 use splatseg_geometry::{Image, Intrinsics, Pose};
@@ -87,8 +86,10 @@ impl FrameReader {
         };
         let (color, mut depth) = (source(choice.color, color), source(choice.depth, depth));
         // What a wide lens shows at the edges would be lost.
-        if matches!(alignment, Alignment::Registered { .. }) {
-            depth.undistortion = UndistortionCache::whole();
+        if let Alignment::Registered { color_from_depth } = alignment {
+            let cameras = color.cameras.list.iter().map(|camera| camera.intrinsics).collect();
+            let seen_by = SeenBy { cameras, from_undistorted: color_from_depth };
+            depth.undistortion = UndistortionCache::warped_to(seen_by);
         }
         Ok(Self { own_camera, color, depth, alignment })
     }

@@ -3,7 +3,7 @@
 use glam::dvec2;
 use proptest::prelude::*;
 use serde::Deserialize;
-use splatseg_dataset::{Undistortion, read_color_image};
+use splatseg_dataset::{LensCorrection, Undistortion, read_color_image};
 use splatseg_geometry::{Distortion, Image, Intrinsics};
 use std::path::{Path, PathBuf};
 
@@ -170,4 +170,25 @@ proptest! {
         let color = map.color(&Image::filled(5, 4, [7; 3]), Path::new("a")).unwrap();
         prop_assert!(color.pixels().iter().all(|pixel| [[0; 3], [7; 3]].contains(pixel)));
     }
+}
+
+#[test]
+fn frames_that_arrive_one_by_one_are_corrected_alike() {
+    let lens = Distortion::from_coefficients("plumb_bob", &[-0.2, 0.05, 0.001, 0.002, 0.0]).unwrap();
+    let camera = golden().camera;
+    let color = Image::from_fn(camera.width, camera.height, |x, y| [x as u8, y as u8, 9]);
+    let depth = Image::from_fn(camera.width, camera.height, |x, _| 1.0 + x as f32);
+    let correction = LensCorrection::default();
+    let correct = |camera: &Intrinsics, lens: &Distortion| {
+        correction.correct((color.clone(), depth.clone()), (camera, lens), "camera")
+    };
+    // The map of the camera before is not used for another one.
+    for camera in [camera, Intrinsics { fx: 2.0 * camera.fx, ..camera }, camera] {
+        let map = map(&camera, &lens);
+        let expected = (map.color(&color, Path::new("a")).unwrap(), map.depth(&depth, Path::new("a")).unwrap());
+        assert!(correct(&camera, &lens).unwrap() == expected);
+    }
+    assert!(correct(&camera, &Distortion::None).unwrap() == (color.clone(), depth.clone()));
+    let error = correct(&Intrinsics { width: 5, ..camera }, &lens).unwrap_err().to_string();
+    assert!(error.starts_with("camera: "), "{error}");
 }

@@ -275,3 +275,42 @@ fn a_map_shows_its_objects() {
     assert_eq!((damaged.code, damaged.out.as_str(), damaged.err.lines().count()), (2, "", 1), "{}", damaged.err);
     assert!(damaged.err.contains("other.ply"), "{}", damaged.err);
 }
+
+#[test]
+fn whatever_is_no_recording_is_told_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let files: [(&str, &[u8], &str); 16] = [
+        ("empty", b"", "a file that begins with nothing, expected a recording: .mcap"),
+        ("paper.pdf", b"%PDF-1.7\n", "a file that begins with \"%PDF-1.7\\n\", expected a recording: .mcap"),
+        ("notes.txt", "größer\u{7}".as_bytes(), "expected a recording: .mcap"),
+        ("a.zip", b"PK\x03\x04\x14\0\0\0", "a zip file, expected the folder that it unpacks to"),
+        ("a.r3d", b"", "expected a recording"),
+        ("data.h5", b"\x89HDF\r\n\x1a\n", "an HDF5 file, expected its images as a folder"),
+        ("zed.svo2", b"SVO", "a recording of a ZED camera, expected an MCAP recording"),
+        ("talk.mp4", b"\0\0\0\x18ftypmp42\0\0\0\0", "talk.mp4"),
+        ("film.mkv", b"\x1A\x45\xDF\xA3\x80", "film.mkv"),
+        ("bag.txt", b"#ROSBAG V2.0\n", "a bag of ROS 1 with another name, expected a file whose name ends with .bag"),
+        ("mcap.dat", b"\x89MCAP0\r\n", "an MCAP recording with another name"),
+        ("log.sqlite", b"SQLite format 3\0", "an SQLite file with another name, expected a recording of rosbag2"),
+        ("db.mcap", b"SQLite format 3\0", "expected \"\\x89MCAP0\\r\\n\""),
+        ("a.bag", b"not a bag", "the start of every bag of ROS 1"),
+        ("a.db3", b"", "the start of every SQLite file"),
+        ("transforms.json", b"{", "transforms.json"),
+    ];
+    for (name, bytes, expected) in files {
+        let path = folder.path().join(name);
+        fs::write(&path, bytes).unwrap();
+        let ended = inspect(&path, &[]);
+        assert_eq!((ended.code, ended.err.trim_end().lines().count()), (2, 1), "{name}: {}", ended.err);
+        assert!(ended.err.starts_with("error: ") && ended.err.contains(expected), "{name}: {}", ended.err);
+        assert!(!ended.err.contains("checkpoint"), "{name}: {}", ended.err);
+    }
+    // 200 GB of nothing.
+    for name in ["huge", "huge.mcap", "huge.bag", "huge.db3", "huge.mkv", "huge.r3d"] {
+        let path = folder.path().join(name);
+        fs::File::create(&path).and_then(|file| file.set_len(200 << 30)).unwrap();
+        let ended = inspect(&path, &[]);
+        assert_eq!((ended.code, ended.err.trim_end().lines().count()), (2, 1), "{name}: {}", ended.err);
+        fs::remove_file(&path).unwrap();
+    }
+}

@@ -61,7 +61,11 @@ fn rooms_are_named_by_hand_or_by_their_objects() {
     let ended = name(&map, &[]);
     assert!(ended.out.contains("room:1 without a name, "), "{}{}", ended.out, ended.err);
     let ended = name(&map, &["room:3=hall"]);
-    assert!(ended.code == 2 && ended.err.contains("room 3: found no such room, expected 1 to 2"), "{}", ended.err);
+    assert!(
+        ended.code == 2 && ended.err.contains("room 3: found no such room, expected one of [1, 2]"),
+        "{}",
+        ended.err
+    );
     let ended = name(&map, &["room:one=hall"]);
     assert!(ended.code == 2 && ended.err.contains("found \"room:one=hall\""), "{}", ended.err);
 

@@ -6,7 +6,7 @@
 
     with open_camera("orbbec") as pictures:
         for p in pictures:
-            r = seg.step(p.rgb, p.depth, K=p.K, depth_scale=p.depth_scale, timestamp=p.timestamp)
+            r = seg.step(p.rgb, p.depth, K=p.K, depth_scale=p.depth_scale, timestamp=p.timestamp, distortion=p.distortion)
 
 Depth is registered to colour. The newest picture wins: those taken while a frame is processed are left out.
 """

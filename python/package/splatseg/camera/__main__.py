@@ -109,7 +109,9 @@ def _live(pictures: Iterator[Picture], options: argparse.Namespace, stack: ExitS
     started = time.monotonic()
     try:
         for number, p in enumerate(pictures):
-            result = segmenter.step(p.rgb, p.depth, K=p.K, depth_scale=p.depth_scale, timestamp=p.timestamp)
+            result = segmenter.step(
+                p.rgb, p.depth, K=p.K, depth_scale=p.depth_scale, timestamp=p.timestamp, distortion=p.distortion
+            )
             if options.ids is not None:
                 write(options.ids / f"{number:06}.png", png.encode_ids(result.ids))
             if logger is not None:
