@@ -187,6 +187,8 @@ mod tests {
     fn state() -> SavedState {
         let mut keyframes = StateBlock::default();
         keyframes.put("id", &[], [3u32, 4]);
+        let mut history = StateBlock::default();
+        history.put("rooms.id", &[], [1u32, 2]);
         SavedState {
             ids: SavedIds { given: 9, released: vec![SavedRelease(4, 1), SavedRelease(2, 0)] },
             patches: SavedPatches::default(),
@@ -198,6 +200,7 @@ mod tests {
             remapped: vec![[6, 3]],
             keyframes,
             names: StateBlock::default(),
+            history,
         }
     }
 
