@@ -2,7 +2,7 @@
 // 3D view while it is on.
 
 import { bytesOf } from "./bytes.js";
-import { byElementId } from "./element.js";
+import { byElementId, counts } from "./element.js";
 import { decode } from "./frame_ids.js";
 import { cellsPicture, styleOf } from "./plan_cells.js";
 import { Texts, drawCamera, drawFootprint, isInside } from "./plan_drawing.js";
@@ -97,8 +97,10 @@ export class PlanView {
     return found?.id ?? 0;
   }
 
+  /** Tentative and forgotten objects are not drawn: they may be mistakes. */
   #isDrawn(id) {
-    return this.#run.byId.has(id) && this.#isShown(id);
+    const object = this.#run.byId.get(id);
+    return Boolean(object) && counts(object) && this.#isShown(id);
   }
 
   #resize() {

@@ -132,18 +132,23 @@ fn written(map: &NamedMap, plan: &FloorPlan) -> Value {
     plan_of(&folder.path().join("viewer/run.js"))
 }
 
-/// A pixel inside of the footprint that is drawn last, and its object: `[x, y, id]`. It lies in the middle of the widest
-/// inner stretch of a row.
-const LAST_FOOTPRINT: &str = "(() => { const { plan, run } = splatsegPage; const { id, outlines } = run.plan.objects.at(-1); \
-    const edges = outlines.flatMap((line) => line.flatMap((x, at) => at % 2 ? [] : \
-        [[x, line[at + 1], line[(at + 2) % line.length], line[(at + 3) % line.length]]])); \
-    const ys = edges.map(([, y]) => y); let best = [0]; \
-    for (let y = Math.min(...ys) + 0.5; y < Math.max(...ys); y++) { \
-        const crossed = edges.filter(([, a, , b]) => a > y !== b > y).map(([x, a, z, b]) => x + (y - a) / (b - a) * (z - x)) \
-            .sort((one, other) => one - other); \
-        for (let at = 0; at + 1 < crossed.length; at += 2) { const wide = crossed[at + 1] - crossed[at]; \
-            if (wide > best[0]) best = [wide, (crossed[at] + crossed[at + 1]) / 200, y / 100]; } } \
-    return [...plan.pixelOf(best[1], best[2]), id]; })()";
+/// A pixel inside of a footprint that no other covers, and its object: `[x, y, id]`. It lies in the middle of the widest
+/// inner stretch of a row, which is wider than a text.
+const OPEN_FOOTPRINT: &str = "(() => { const { plan, run } = splatsegPage; \
+    const drawn = run.plan.objects.filter(({ id }) => run.byId.get(id)?.state === 'remembered'); \
+    const crossings = ({ outlines }, y) => outlines.flatMap((line) => line.flatMap((x, at) => { if (at % 2) return []; \
+        const [a, z, b] = [line[at + 1], line[(at + 2) % line.length], line[(at + 3) % line.length]]; \
+        return a > y !== b > y ? [x + (y - a) / (b - a) * (z - x)] : []; })).sort((one, other) => one - other); \
+    const covers = (object, x, y) => crossings(object, y).filter((edge) => edge < x).length % 2 === 1; \
+    const pixels = plan.pixelOf(1, 0)[0] - plan.pixelOf(0, 0)[0]; \
+    const found = drawn.map((object, place) => { const ys = object.outlines.flat().filter((_, at) => at % 2); let best = [0]; \
+        for (let y = Math.min(...ys) + 0.5; y < Math.max(...ys); y++) { const edges = crossings(object, y); \
+            for (let at = 0; at + 1 < edges.length; at += 2) { const x = (edges[at] + edges[at + 1]) / 2; \
+                const wide = edges[at + 1] - edges[at]; \
+                const isOpen = !drawn.slice(place + 1).some((other) => covers(other, x, y)); \
+                if (wide > best[0] && isOpen) best = [wide, x / 100, y / 100]; } } \
+        return [...best, object.id]; }).findLast(([wide]) => wide / 100 * pixels > 40); \
+    return [...plan.pixelOf(found[1], found[2]), found[3]]; })()";
 
 #[test]
 fn the_plan_is_shown_in_place_of_the_map_and_its_objects_are_clicked() {
@@ -157,7 +162,7 @@ fn the_plan_is_shown_in_place_of_the_map_and_its_objects_are_clicked() {
     assert_eq!(browser.value("document.getElementById('plan-button').ariaPressed"), "true");
     browser.wait_for("location.hash.includes('plan=1')");
 
-    let place = browser.value(LAST_FOOTPRINT);
+    let place = browser.value(OPEN_FOOTPRINT);
     let (x, y, id) = (place[0].as_f64().unwrap(), place[1].as_f64().unwrap(), place[2].as_u64().unwrap() as u32);
     let color: [u8; 3] =
         serde_json::from_value(browser.value(&format!("splatsegPage.run.byId.get({id}).color"))).unwrap();
@@ -169,7 +174,7 @@ fn the_plan_is_shown_in_place_of_the_map_and_its_objects_are_clicked() {
             found.iter().zip(color).all(|(one, other)| one.abs_diff(other) < 60)
         };
         // Beside the text and the outline.
-        (-6..=6).flat_map(|right| (-6..=6).map(move |down| (x + f64::from(right), y + f64::from(down)))).any(near)
+        (-18..=18).flat_map(|right| (-18..=18).map(move |down| (x + f64::from(right), y + f64::from(down)))).any(near)
     };
     assert!(is_painted(&mut browser), "{color:?} at {x} {y}");
     browser.click(x, y);
