@@ -6,9 +6,7 @@ use crate::support::mkv::{
 };
 use crate::support::two_ways;
 use glam::{DVec2, DVec3, dvec2};
-use splatseg_dataset::{
-    DatasetError, DatasetSettings, Format, RecordingScene, RecordingSummary, has_depth, open_scene,
-};
+use splatseg_dataset::{DatasetSettings, Format, RecordingScene, RecordingSummary, has_depth, open_scene};
 use splatseg_geometry::CameraFrame;
 use std::fs;
 use std::path::{Path, PathBuf};
