@@ -238,8 +238,12 @@ fn detected(path: &Path) -> Option<&'static FormatEntry> {
     let fits = |entry: &&FormatEntry| (entry.looks_like)(path);
     let whole = FORMATS.iter().find(|entry| fits(entry) && (entry.is_whole)(path));
     let found = whole.or_else(|| FORMATS.iter().find(fits))?;
-    // Images may be those of a scene that lacks a part.
-    (found.format != Format::Images || best_fit(path).is_none()).then_some(found)
+    // Images may be those of a scene that lacks a part. A camera and poses alone do not make one.
+    let is_part = || match best_fit(path) {
+        Some(DatasetError::Incomplete { format, .. }) => format != Format::Folder.name() || path.join("color").is_dir(),
+        found => found.is_some(),
+    };
+    (found.format != Format::Images || !is_part()).then_some(found)
 }
 
 /// Returns false for a path whose format has no depth, so that it must be predicted. Reads no frame, and extracts none.
