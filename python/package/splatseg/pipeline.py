@@ -81,7 +81,6 @@ class Pipeline:
             function = segmenter
         elif segmenter is not None:
             settings["segmenter"] = segmenter
-<<<<<<< HEAD
         predictor, use = settings.get("depth_predictor"), None
         if isinstance(predictor, Depth):
             own = settings.get("depth_anything", {})
@@ -94,10 +93,7 @@ class Pipeline:
         else:
             predictor = None
         self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views, predictor, use)
-=======
-        self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views)
         self._lens = _splatseg.Lens()
->>>>>>> anyrec
 
     @classmethod
     def load(
