@@ -2,7 +2,7 @@
 
 use crate::room_kinds::room_kind;
 use crate::{FloorPlan, Room};
-use glam::{DVec2, DVec3};
+use glam::DVec3;
 use splatseg_geometry::SegmentId;
 use splatseg_objects::{ObjectName, ObjectNames, RoomNameSource};
 use std::collections::BTreeMap;
@@ -53,15 +53,13 @@ impl FloorPlan {
 
     /// A place of the world by which a room is found again: where it is widest, on the floor.
     pub fn place_of(&self, room: &Room) -> DVec3 {
-        self.frame().to_world(DVec2::new(room.middle.x, room.middle.y))
+        self.frame().to_world(room.middle)
     }
 }
 
 /// The labels that a person gave, or a network that was sure.
 fn certain_labels(names: &ObjectNames) -> impl Iterator<Item = (SegmentId, &str)> {
     let is_certain = |name: &ObjectName| name.by_hand || name.score.is_none_or(|score| score >= CERTAIN);
-    names
-        .all()
-        .filter(move |(_, name, _)| is_certain(name))
-        .filter_map(|(id, name, _)| Some((id, name.label.as_deref()?)))
+    let certain = names.all().filter(move |(_, name, _)| is_certain(name));
+    certain.filter_map(|(id, name, _)| Some((id, name.label.as_deref()?)))
 }
