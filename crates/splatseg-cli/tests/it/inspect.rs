@@ -292,7 +292,7 @@ fn whatever_is_no_recording_is_told_in_one_line() {
         ("bag.txt", b"#ROSBAG V2.0\n", "a bag of ROS 1 with another name, expected a file whose name ends with .bag"),
         ("mcap.dat", b"\x89MCAP0\r\n", "an MCAP recording with another name"),
         ("log.sqlite", b"SQLite format 3\0", "an SQLite file with another name, expected a recording of rosbag2"),
-        ("db.mcap", b"SQLite format 3\0", "expected \"\\x89MCAP0\\r\\n\""),
+        ("db.mcap", b"SQLite format 3\0", "the start of every MCAP file"),
         ("a.bag", b"not a bag", "the start of every bag of ROS 1"),
         ("a.db3", b"", "the start of every SQLite file"),
         ("transforms.json", b"{", "transforms.json"),
