@@ -8,6 +8,9 @@ use pyo3::prelude::*;
 use splatseg::geometry::Distortion;
 use splatseg_dataset::LensCorrection;
 
+/// Colour `[height, width, 3]` and depth `[height, width]`.
+type ColorAndDepth = (Py<PyArray3<u8>>, Py<PyArray2<f32>>);
+
 /// The lens of a camera. Its map is computed once.
 #[pyclass(frozen, module = "splatseg._splatseg")]
 #[derive(Default)]
@@ -32,7 +35,7 @@ impl Lens {
         k: &Bound<'_, PyAny>,
         distortion: (String, Vec<f64>),
         depth_scale: Option<f64>,
-    ) -> PyResult<(Py<PyArray3<u8>>, Py<PyArray2<f32>>)> {
+    ) -> PyResult<ColorAndDepth> {
         let (model, coefficients) = distortion;
         let (color, depth) = (color_image(rgb, "rgb")?, depth_image(depth, depth_scale)?);
         let camera = intrinsics(k, color.size())?;

@@ -72,7 +72,7 @@ type Step = (
 #[pymethods]
 impl Pipeline {
     #[new]
-    #[pyo3(signature = (settings, segmenter=None, config=None, saved_memory=None, keep_views=false, depth_predictor=None, predicted_depth=None))]
+    #[pyo3(signature = (settings, segmenter=None, config=None, saved_memory=None, keep_views=false, depth_predictor=None))]
     fn new(
         py: Python<'_>,
         settings: &Bound<'_, PyDict>,
@@ -80,8 +80,7 @@ impl Pipeline {
         config: Option<PathBuf>,
         saved_memory: Option<PathBuf>,
         keep_views: bool,
-        depth_predictor: Option<Py<PyAny>>,
-        predicted_depth: Option<&str>,
+        depth_predictor: Option<(Py<PyAny>, Option<String>)>,
     ) -> PyResult<Self> {
         let mut all = SettingsLayers::default();
         if let Some(path) = &config {
@@ -100,8 +99,9 @@ impl Pipeline {
             count => Some(rayon::ThreadPoolBuilder::new().num_threads(count).build().map_err(runtime_error)?),
         };
         let segmenter = segmenter.map(SharedCallable::new);
+        let (depth_predictor, used) = depth_predictor.unzip();
         let depth_predictor = depth_predictor.map(SharedCallable::new);
-        let used = match predicted_depth {
+        let used = match used.flatten().as_deref() {
             None | Some("holes") => PredictedDepthUse::Holes,
             Some("all") => PredictedDepthUse::All,
             Some(other) => return Err(value_error(format!("predicted_depth is {other:?}, expected holes or all"))),

@@ -138,8 +138,7 @@ class Pipeline:
         config: _Path | None = None,
         saved_memory: _Path | None = None,
         keep_views: bool = False,
-        depth_predictor: Callable[..., Any] | None = None,
-        predicted_depth: str | None = None,
+        depth_predictor: tuple[Callable[..., Any], str | None] | None = None,
     ) -> Self: ...
     @property
     def settings(self) -> str: ...

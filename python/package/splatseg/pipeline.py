@@ -81,18 +81,15 @@ class Pipeline:
             function = segmenter
         elif segmenter is not None:
             settings["segmenter"] = segmenter
-        predictor, use = settings.get("depth_predictor"), None
+        predictor, used = settings.get("depth_predictor"), None
         if isinstance(predictor, Depth):
             own = settings.get("depth_anything", {})
             section = {**predictor.settings["depth_anything"], **own}
             settings = {**settings, **predictor.settings, "depth_anything": section}
-            predictor = None
         elif callable(predictor):
             settings.pop("depth_predictor")
-            use = settings.pop("predicted_depth", None)
-        else:
-            predictor = None
-        self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views, predictor, use)
+            used = predictor, settings.pop("predicted_depth", None)
+        self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views, used)
         self._lens = _splatseg.Lens()
 
     @classmethod
