@@ -198,6 +198,7 @@ mod tests {
             remapped: vec![[6, 3]],
             keyframes,
             names: StateBlock::default(),
+            history: StateBlock::default(),
         }
     }
 
