@@ -86,7 +86,10 @@ impl FloorPlan {
         let shape = &self.grid().shape;
         let is_inside = |cell: &usize| self.is_room_floor(*cell) && self.room_of_cell(*cell) == room;
         let cells: BTreeSet<usize> = (0..shape.len()).filter(is_inside).collect();
-        outlines(shape, &cells)
+        let mut found = outlines(shape, &cells);
+        // Of a hole of a few cells, less than a triangle is left.
+        found.retain(|outline| outline.len() > 2);
+        found
     }
 
     /// The room of each object that is in one.

@@ -1,8 +1,8 @@
 //! Free space and rooms of a run: in the recording, in `objects.json`, and as exported from the saved map.
 
 use crate::support::{finish, read_json, splatseg};
-use splatseg_dataset::{DatasetSettings, SyntheticScene, open_scene};
-use splatseg_objects::ObjectList;
+use splatseg_dataset::SyntheticScene;
+use splatseg_objects::{FrameStamp, ObjectList};
 use splatseg_places::{GridShape, PlanFile};
 use splatseg_ros::{OccupancyGrid, from_cdr};
 use splatseg_test_scenes::{PlanErrors, room, true_cells, without_chunks};
@@ -13,7 +13,7 @@ const SCENE: &str = "synthetic:frames=48,width=96,height=72,objects=8,seed=5";
 
 fn run(folder: &Path, scene: &str, more: &[&str]) {
     let mut command = splatseg();
-    command.current_dir(folder).args(["run", scene, "--out", "out", "--segmenter", "oracle", "--no-page"]);
+    command.current_dir(folder).args(["run", scene, "--out", "out", "--no-page"]);
     let ended = finish(command.args(["--threads", "2", "--save-memory", "map.ply"]).args(more));
     assert_eq!(ended.code, 0, "{}", ended.err);
 }
@@ -50,7 +50,7 @@ fn cells_of_pgm(bytes: &[u8], shape: &GridShape) -> Vec<i8> {
 fn the_recording_of_a_run_has_the_exported_grid_and_its_list_the_rooms() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
-    run(folder, SCENE, &["--save-mcap", "run.mcap"]);
+    run(folder, SCENE, &["--segmenter", "oracle", "--save-mcap", "run.mcap"]);
     exported(folder);
     let plan: PlanFile = serde_json::from_value(read_json(&folder.join("home.json"))).unwrap();
     let grid: OccupancyGrid = from_cdr(&message(&folder.join("run.mcap"), "/splatseg/map")).unwrap();
@@ -97,16 +97,14 @@ fn times_of_sightings_are_those_of_the_frames_and_last_over_runs() {
     let convert = finish(splatseg().current_dir(folder).args(["convert", scene, "scene.mcap"]));
     assert_eq!(convert.code, 0, "{}", convert.err);
     let objects = || -> ObjectList { serde_json::from_value(read_json(&folder.join("out/objects.json"))).unwrap() };
-    let plain = ["--segmenter", "affinity"];
-    run(folder, "scene.mcap", &[&plain[..], &["--max-frames", "6"]].concat());
+    run(folder, "scene.mcap", &["--max-frames", "6"]);
     let first = objects();
-    assert!(open_scene(folder.join("scene.mcap"), &DatasetSettings::default()).is_ok());
     for object in &first.objects {
-        let time = |frame: &Option<splatseg_objects::FrameStamp>| frame.as_ref().unwrap().time_s;
+        let time = |frame: &Option<FrameStamp>| frame.as_ref().unwrap().time_s;
         assert_eq!((object.first_seen_s, object.last_seen_s), (time(&object.first_frame), time(&object.last_frame)));
         assert!(object.first_seen_s.is_some());
     }
-    run(folder, "scene.mcap", &[&plain[..], &["--start", "6", "--load-memory", "map.ply", "--overwrite"]].concat());
+    run(folder, "scene.mcap", &["--start", "6", "--load-memory", "map.ply", "--overwrite"]);
     let mut again = 0;
     for object in objects().objects {
         let Some(before) = first.get(object.id) else { continue };

@@ -59,17 +59,15 @@ fn a_recording_has_the_images_the_map_and_the_boxes_of_the_run() {
     assert_eq!(ended.code, 0, "{}", ended.err);
     assert!(ended.out.contains("run.mcap: open it in Foxglove or Rerun"), "{}", ended.out);
     let topics = messages(&file);
-    let expected: BTreeSet<&str> = IMAGES
-        .into_iter()
-        .chain(["/splatseg/boxes", "/splatseg/map", "/splatseg/markers", "/splatseg/points"])
-        .collect();
+    let expected: BTreeSet<&str> =
+        IMAGES.into_iter().chain(["/splatseg/boxes", "/splatseg/markers", "/splatseg/points"]).collect();
     assert_eq!(topics.keys().map(String::as_str).collect::<BTreeSet<_>>(), expected);
     for topic in IMAGES {
         let times: Vec<u64> = topics[topic].iter().map(|message| message.log_time).collect();
         assert_eq!(times, (0..FRAMES as u64).map(|frame| frame * INTERVAL).collect::<Vec<_>>(), "{topic}");
     }
     let summary = RecordingSummary::read(&file, &DatasetSettings::default()).unwrap();
-    assert_eq!((summary.topics.len(), summary.damage.len()), (8, 0));
+    assert_eq!((summary.topics.len(), summary.damage.len()), (7, 0));
     assert!(summary.topics.iter().all(|topic| topic.unreadable.is_none()), "{:?}", summary.topics);
 
     check_images(&topics, &out);
