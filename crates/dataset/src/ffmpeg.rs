@@ -4,7 +4,7 @@ use crate::DatasetError;
 use crate::plausibility::warn_once;
 use std::ffi::OsString;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use tempfile::TempDir;
 
 /// Letters of `ffmpeg`'s message that are repeated.
@@ -33,11 +33,14 @@ impl Extraction<'_> {
     pub(crate) fn run(&self) -> Result<(TempDir, String), DatasetError> {
         let io_error = |source| DatasetError::Io { path: std::env::temp_dir(), source };
         let folder = tempfile::Builder::new().prefix("splatseg-frames").tempdir().map_err(io_error)?;
-        warn_once(format!("{}: decoding with {}, which may take minutes", self.video.display(), self.program));
         let mut command = Command::new(self.program);
         command.args(["-nostdin", "-nostats", "-hide_banner"]).args(self.before).arg("-i").arg(self.video);
         command.args(self.after).arg(folder.path().join(self.names));
-        let output = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).output();
+        let started = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
+        if started.is_ok() {
+            warn_once(format!("{}: decoding with {}, which may take minutes", self.video.display(), self.program));
+        }
+        let output = started.and_then(Child::wait_with_output);
         let failed = |found: String| DatasetError::Field {
             path: self.video.to_owned(),
             field: "colour".to_owned(),

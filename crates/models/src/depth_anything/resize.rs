@@ -114,12 +114,21 @@ mod tests {
     fn a_plane_stays_a_plane() {
         let plane = |x: f32, y: f32| 0.5 * x - 0.25 * y + 3.0;
         let values: Vec<f32> = (0..24 * 32).map(|at| plane((at % 32) as f32, (at / 32) as f32)).collect();
-        for taps in [widened_taps, |source, target| plain_taps(source, target, target as f64 / source as f64)] {
-            let found = interpolate(&values, 32, 1, &taps(32, 16), &taps(24, 30));
-            for (row, column) in [(10, 5), (15, 8), (20, 11)] {
-                let expected = plane((column as f32 + 0.5) * 2.0 - 0.5, (row as f32 + 0.5) * 0.8 - 0.5);
-                let found = found[row * 16 + column];
-                assert!((found - expected).abs() < 1e-3, "{row}, {column}: {found}, expected {expected}");
+        let found = interpolate(&values, 32, 1, &widened_taps(32, 16), &widened_taps(24, 30));
+        for (row, column) in [(10, 5), (15, 8), (20, 11)] {
+            let expected = plane((column as f32 + 0.5) * 2.0 - 0.5, (row as f32 + 0.5) * 0.8 - 0.5);
+            let found = found[row * 16 + column];
+            assert!((found - expected).abs() < 1e-3, "{row}, {column}: {found}, expected {expected}");
+        }
+    }
+
+    /// PyTorch's parameter -0.75 keeps constants and, unlike -0.5, no slopes.
+    #[test]
+    fn a_constant_stays_a_constant() {
+        for (source, target) in [(37, 18), (37, 52), (3, 7)] {
+            for taps in plain_taps(source, target, target as f64 / source as f64) {
+                let sum: f32 = taps.iter().map(|(_, weight)| weight).sum();
+                assert!((sum - 1.0).abs() < 1e-6 && taps.iter().all(|(at, _)| *at < source), "{taps:?}");
             }
         }
     }

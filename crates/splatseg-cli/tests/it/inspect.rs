@@ -301,8 +301,11 @@ fn whatever_is_no_recording_is_told_in_one_line() {
         let path = folder.path().join(name);
         fs::write(&path, bytes).unwrap();
         let ended = inspect(&path, &[]);
-        assert_eq!((ended.code, ended.err.trim_end().lines().count()), (2, 1), "{name}: {}", ended.err);
-        assert!(ended.err.starts_with("error: ") && ended.err.contains(expected), "{name}: {}", ended.err);
+        // Where there is an ffmpeg, it is asked first.
+        let lines: Vec<&str> =
+            ended.err.trim_end().lines().filter(|line| !line.contains("decoding with ffmpeg")).collect();
+        assert_eq!((ended.code, lines.len()), (2, 1), "{name}: {}", ended.err);
+        assert!(lines[0].starts_with("error: ") && ended.err.contains(expected), "{name}: {}", ended.err);
         assert!(!ended.err.contains("checkpoint"), "{name}: {}", ended.err);
     }
     // 200 GB of nothing.

@@ -141,15 +141,15 @@ fn foxglove_gets_each_output() {
     let splatseg =
         ["objects", "markers", "ids", "overlay/compressed", "points"].map(|name| format!("/splatseg/{name}"));
     assert_eq!(topics[..5], splatseg);
-    assert_eq!(topics[5..], ["/tf", "/diagnostics"]);
+    assert_eq!(topics[5..], ["/splatseg/map", "/tf_static", "/splatseg/scene_graph", "/tf", "/diagnostics"]);
     let subscriptions: Vec<_> =
         channels.iter().map(|channel| json!({ "id": channel["id"], "channelId": channel["id"] })).collect();
     let subscribe = json!({ "op": "subscribe", "subscriptions": subscriptions });
     socket.send(Message::text(subscribe.to_string())).unwrap();
-    // All but the camera's pose, which came with the recording.
+    // All but the camera's pose, which came with the recording, and the frame of the plan, as z points up.
     let mut missing: BTreeSet<u64> = channels
         .iter()
-        .filter(|channel| channel["topic"] != "/tf")
+        .filter(|channel| !["/tf", "/tf_static"].map(Value::from).contains(&channel["topic"]))
         .map(|channel| channel["id"].as_u64().unwrap())
         .collect();
     let started = Instant::now();

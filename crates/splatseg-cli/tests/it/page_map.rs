@@ -192,7 +192,8 @@ fn another_run_is_compared() {
     browser.value("document.activeElement.blur()");
     browser.press("c");
     assert_eq!(browser.value("document.getElementById('other').value"), "this");
-    assert_eq!(screenshot(&mut browser).get_pixel(400, 400), own.get_pixel(400, 400));
+    // The list makes the map a little smaller. This place is in the middle of a wall.
+    assert_eq!(screenshot(&mut browser).get_pixel(450, 250), own.get_pixel(450, 250));
     // Nothing in the file is executed.
     for text in ["'window.harm = 1'", "'var splatsegRun=window.harm = 1;'", "'var splatsegRun={};'"] {
         browser.value("document.getElementById('map-note').hidden = true");
