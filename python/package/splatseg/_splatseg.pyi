@@ -118,6 +118,7 @@ class Depth:
     def is_metric(self) -> bool: ...
     def predict(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]: ...
 
+@final
 class Names:
     def __new__(
         cls,

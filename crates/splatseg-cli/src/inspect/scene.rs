@@ -22,20 +22,38 @@ pub fn is_scene(path: &Path) -> bool {
         || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(SENS))
 }
 
+/// Returns true for a video without depth.
+fn is_video(path: &Path) -> bool {
+    path.is_file() && !has_depth(path, &DatasetSettings::default())
+}
+
 /// Prints what is known about a scene from its files, its first good frame, and the time of its last one.
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     arguments.refuse_checkpoint_options("a scene")?;
     let mut settings = arguments.topics.settings(&arguments.camera)?;
     // The camera is that of the stored images.
     settings.max_pixels = MAX_PIXELS;
+    // Decoding a whole video may take minutes.
+    let is_video = is_video(&arguments.file);
+    if is_video {
+        settings.max_frames = Some(1);
+    }
     let scene = open_scene(&arguments.file, &settings).map_err(Failure::input)?;
     if arguments.json {
-        return print_json(&described(&arguments.file, &scene, &settings)?);
+        let mut described = described(&arguments.file, &scene, &settings)?;
+        if is_video {
+            (described["frames"], described["last_s"]) = (Value::Null, Value::Null);
+        }
+        return print_json(&described);
     }
     say!("file           {}", arguments.file.display());
     let format = scene.format().map_or("a scene", |format| format.name());
     say!("kind           scene, format {format}");
-    say!("frames         {}", scene.frame_count());
+    if is_video {
+        say!("frames         not counted: only the first one was decoded");
+    } else {
+        say!("frames         {}", scene.frame_count());
+    }
     print_all("left out", scene.left_out());
     print_first_frame(&scene, &settings)?;
     say!("poses          {}", if scene.has_poses() { "recorded" } else { "none: a run tracks the camera" });
@@ -107,11 +125,13 @@ fn print_first_frame(scene: &Arc<dyn Scene>, settings: &DatasetSettings) -> Resu
 fn times_text(scene: &dyn Scene, first: &CameraFrame<'_>) -> String {
     let Some(start) = first.timestamp() else { return "none".to_owned() };
     let seconds = |time: Duration| time.as_secs_f64();
-    match last_time(scene) {
+    let is_alone = scene.frame_count() == 1;
+    match last_time(scene).filter(|_| !is_alone) {
         Some(end) => {
             let (start, end) = (seconds(start), seconds(end));
             format!("{start:.3} s to {end:.3} s, {:.1} s", end - start)
         }
+        None if is_alone => format!("{:.3} s, of one frame", seconds(start)),
         None => format!("from {:.3} s, that of the last frame is unknown", seconds(start)),
     }
 }

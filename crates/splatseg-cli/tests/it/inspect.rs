@@ -3,7 +3,7 @@
 use crate::support::{
     Ended, FASTSAM_WEIGHTS, RECOGNISED_AS_EDGETAM, file_names, finish, numbered_scene, splatseg, write_zeros,
 };
-use serde_json::json;
+use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -316,4 +316,30 @@ fn whatever_is_no_recording_is_told_in_one_line() {
         assert_eq!((ended.code, ended.err.trim_end().lines().count()), (2, 1), "{name}: {}", ended.err);
         fs::remove_file(&path).unwrap();
     }
+}
+
+#[cfg(unix)]
+#[test]
+fn of_a_video_only_the_first_frame_is_decoded() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = tempfile::tempdir().unwrap();
+    image::RgbImage::from_pixel(64, 48, image::Rgb([90, 80, 70])).save(folder.path().join("frame.jpg")).unwrap();
+    // Writes an image in place of ffmpeg, if asked for one only.
+    let program = folder.path().join("ffmpeg");
+    let script = "#!/bin/sh\ncase \"$*\" in *'-frames:v 1 '*) ;; *) exit 1;; esac\nfor last; do true; done\n\
+        cp \"${0%/*}/frame.jpg\" \"${last%/*}/000000.jpg\"\n\
+        echo '[Parsed_showinfo_1 @ 0x5] n:   0 pts:   0 pts_time:0.5   duration: 1' >&2\n";
+    fs::write(&program, script).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let video = folder.path().join("walk.mp4");
+    fs::write(&video, b"\0\0\0\x20ftypisom").unwrap();
+    let path = format!("{}:/usr/bin:/bin", folder.path().display());
+    let ended = finish(splatseg().arg("inspect").arg(&video).env("PATH", &path));
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    for line in ["format video", "not counted", "64x48", "60 degrees", "0.500 s, of one frame", "--depth-weights"] {
+        assert!(ended.out.contains(line), "{line}: {}", ended.out);
+    }
+    let ended = finish(splatseg().args(["inspect", "--json"]).arg(&video).env("PATH", &path));
+    let described: Value = serde_json::from_str(&ended.out).unwrap();
+    assert_eq!((&described["frames"], &described["has_depth"]), (&Value::Null, &Value::Bool(false)), "{described}");
 }
