@@ -21,7 +21,7 @@ pub(crate) struct Extraction<'a> {
     pub(crate) after: &'a [OsString],
     /// The name of the images, e.g. `%06d.png`.
     pub(crate) names: &'a str,
-    /// What the user can do without the program.
+    /// A way for the user to do without the program.
     pub(crate) instead: &'a str,
 }
 

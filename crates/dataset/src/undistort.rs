@@ -11,11 +11,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 const BYTES_PER_PIXEL: u64 = size_of::<Option<[f32; 2]>>() as u64;
 /// A view is widened by at most this share of an image's side at each end.
 const MAX_WIDENING: f64 = 0.5;
-/// What is nearer than this is not needed of an image that is warped to another camera, metres.
+/// Nearest distance that is needed of an image that is warped to another camera, metres.
 const NEAREST_M: f64 = 0.1;
 /// Pixels around what is needed, for the pixels that are spread out when depth is warped.
 const NEEDED_MARGIN: f64 = 2.0;
-/// What is farther aside than this, as the share of its distance that lies forward, has no bounds.
+/// Directions with a smaller forward component than this (of a unit vector) are not bounded.
 const MIN_FORWARD: f64 = 0.05;
 /// Number of places along each side of an image at which its view is measured.
 const BORDER_PLACES: usize = 64;

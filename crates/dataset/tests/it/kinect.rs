@@ -37,7 +37,7 @@ fn color_of(place: DVec3) -> [f64; 3] {
     [3.0 * place.x, 3.0 * place.y + 1.0, 2.0 * place.z].map(|phase| 128.0 + 100.0 * phase.sin())
 }
 
-/// What a frame differs from the scene that was rendered.
+/// The difference between a frame and the scene that was rendered.
 struct Difference {
     /// Mean and largest difference of colour, away from the edge of the ball.
     color: (f64, f64),

@@ -1,6 +1,6 @@
 //! `splatseg name`, and `find` with what it gives.
 
-use crate::support::{Ended, ROOM, finish, splatseg};
+use crate::support::{Ended, ROOM, finish, map_with_floor, splatseg};
 use splatseg::pipeline::NamedMap;
 use splatseg_objects::RoomNameSource;
 use splatseg_places::PlanSettings;
@@ -53,11 +53,7 @@ fn labels_are_given_by_hand_and_found() {
 #[test]
 fn rooms_are_named_by_hand_or_by_their_objects() {
     let folder = tempfile::tempdir().unwrap();
-    let map = folder.path().join("map.ply");
-    let mut command = splatseg();
-    command.args(["run", "synthetic:frames=30,width=96,height=72,objects=6", "--no-page", "--online"]);
-    command.arg("--out").arg(folder.path().join("out")).arg("--save-memory").arg(&map);
-    assert_eq!(finish(&mut command).code, 0);
+    let map = map_with_floor(folder.path());
     let ended = name(&map, &[]);
     assert!(ended.out.contains("room:1 without a name, "), "{}{}", ended.out, ended.err);
     let ended = name(&map, &["room:3=hall"]);

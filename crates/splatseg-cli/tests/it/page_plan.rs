@@ -3,7 +3,7 @@
 use crate::browser::Browser;
 use crate::page_browser::{open, screenshot, selected};
 use crate::page_large::Folder;
-use crate::support::{finish, numbered_scene, splatseg};
+use crate::support::{finish, map_with_floor, numbered_scene, splatseg};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
@@ -94,11 +94,7 @@ fn the_page_has_the_plan_of_the_saved_map() {
 #[test]
 fn a_fine_grid_is_drawn_with_larger_cells() {
     let folder = tempfile::tempdir().unwrap();
-    let map = folder.path().join("map.ply");
-    let mut command = splatseg();
-    command.args(["run", "synthetic:frames=30,width=96,height=72,objects=6", "--no-page", "--online"]);
-    command.arg("--out").arg(folder.path().join("out")).arg("--save-memory").arg(&map);
-    assert_eq!(finish(&mut command).code, 0);
+    let map = map_with_floor(folder.path());
     let map = NamedMap::load(map).unwrap();
     let fine = PlanSettings { resolution: 0.01, ..PlanSettings::default() };
     let (fine, coarse) = (map.floor_plan(fine).unwrap(), map.floor_plan(PlanSettings::default()).unwrap());

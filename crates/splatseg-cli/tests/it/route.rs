@@ -1,6 +1,6 @@
 //! `splatseg route`: ways between objects, rooms and places.
 
-use crate::support::{Ended, finish, splatseg};
+use crate::support::{Ended, finish, map_with_floor, splatseg};
 use glam::DVec2;
 use serde_json::Value;
 use splatseg::pipeline::NamedMap;
@@ -14,11 +14,7 @@ fn route(map: &Path, words: &[&str]) -> Ended {
 #[test]
 fn ways_lead_over_free_cells_to_objects_rooms_and_places() {
     let folder = tempfile::tempdir().unwrap();
-    let map = folder.path().join("map.ply");
-    let mut command = splatseg();
-    command.args(["run", "synthetic:frames=30,width=96,height=72,objects=6", "--no-page", "--online"]);
-    command.arg("--out").arg(folder.path().join("out")).arg("--save-memory").arg(&map);
-    assert_eq!(finish(&mut command).code, 0);
+    let map = map_with_floor(folder.path());
     let mut named = NamedMap::load(&map).unwrap();
     let plan = named.floor_plan(PlanSettings::default()).unwrap();
     // The largest room, and an object that a robot can reach from its middle.

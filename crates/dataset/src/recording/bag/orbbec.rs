@@ -30,7 +30,7 @@ const CUT_OFF: &str = "the message is cut off, or not of its type";
 /// Encoding of images that have no depth yet. Nothing reads it, so it is named in messages.
 const DISPARITY: &str = "disparity, which only Orbbec's SDK makes depth of: record with hardware disparity-to-depth";
 
-/// What the messages of a connection are.
+/// The kind of messages on a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Content {
     Image {
@@ -44,7 +44,7 @@ pub(super) enum Content {
     Property,
 }
 
-/// What the settings in the bag say about its depth.
+/// The settings in the bag that concern depth.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Recorded {
     is_aligned: bool,

@@ -32,7 +32,7 @@ pub fn opengl_matrix(frame: &RgbdFrame) -> DMat4 {
     frame.world_from_camera().to_matrix() * DMat4::from_diagonal(DVec4::new(1.0, -1.0, -1.0, 1.0))
 }
 
-/// What is read of a frame whose colour was stored as it is: colour at the scale of depth, depth of all but the lowest
+/// The expected frame, if its colour was stored as it is: colour at the scale of depth, depth of all but the lowest
 /// confidence, and the camera.
 pub struct Expected {
     pub color: Vec<[u8; 3]>,

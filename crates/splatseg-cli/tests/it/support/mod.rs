@@ -114,3 +114,13 @@ pub fn numbered_scene(folder: &Path, frames: usize) -> PathBuf {
     copy_demo_clip(&CLIP_PARTS, frames, &scene);
     scene
 }
+
+/// Saves the map of a small room whose floor is seen, in a folder.
+pub fn map_with_floor(folder: &Path) -> PathBuf {
+    let map = folder.join("map.ply");
+    let mut command = splatseg();
+    command.args(["run", "synthetic:frames=30,width=96,height=72,objects=6", "--no-page", "--online"]);
+    command.arg("--out").arg(folder.join("out")).arg("--save-memory").arg(&map);
+    assert_eq!(finish(&mut command).code, 0);
+    map
+}
