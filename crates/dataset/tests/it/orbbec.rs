@@ -20,6 +20,13 @@ fn read(path: &Path) -> Vec<(splatseg_geometry::CameraFrame<'static>, usize)> {
     (0..3).map(|index| (scene.read_recorded(index).unwrap().frame, index)).collect()
 }
 
+/// The file is for tests of other crates.
+#[test]
+fn the_file_with_test_data_is_what_is_written_here() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/recordings/orbbec.bag");
+    assert!(fs::read(file).unwrap() == OrbbecWriter::default().bytes());
+}
+
 #[test]
 fn both_versions_and_both_kinds_of_colour_are_read() {
     for is_new in [true, false] {

@@ -1,11 +1,12 @@
 //! `convert`: scenes written as recordings of ROS 2 messages.
 
+use crate::phone_scenes::{write_arkitscenes, write_polycam, write_stray};
 use crate::support::{CLIP_PARTS, Ended, ROOM, file_names, finish, numbered_scene, splatseg};
 use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, StreamedFrame, open_scene};
 use splatseg_geometry::Pose;
 use splatseg_output::{Compression, SceneRecording};
 use splatseg_ros::{CameraInfo, Image, from_cdr};
-use splatseg_test_scenes::{camera, copy_demo_clip, shared, wall, without_chunks};
+use splatseg_test_scenes::{camera, copy_demo_clip, recording, shared, wall, without_chunks};
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -126,6 +127,30 @@ fn recordings_of_all_containers_are_converted() {
         let folder = tempfile::tempdir().unwrap();
         let file = assert_lossless(&data.join(name), folder.path(), &[], &DatasetSettings::default());
         assert!(!frames(&file, &DatasetSettings::default()).is_empty(), "{name}");
+    }
+}
+
+#[test]
+fn recordings_of_cameras_are_converted() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../dataset/tests/data/recordings");
+    for name in ["kinect_nfov.mkv", "kinect_wfov.mkv", "orbbec.bag"] {
+        let folder = tempfile::tempdir().unwrap();
+        let file = assert_lossless(&data.join(name), folder.path(), &[], &DatasetSettings::default());
+        assert!(!frames(&file, &DatasetSettings::default()).is_empty(), "{name}");
+    }
+}
+
+#[test]
+fn recordings_of_phones_are_converted() {
+    let folder = tempfile::tempdir().unwrap();
+    for write in [write_polycam, write_stray, write_arkitscenes] {
+        let scene = folder.path().join("scene");
+        write(&scene, &recording("synthetic:frames=3,width=32,height=24,seed=3"));
+        let file = assert_lossless(&scene, folder.path(), &[], &DatasetSettings::default());
+        let found = frames(&file, &DatasetSettings::default());
+        assert_eq!(found.iter().filter(|frame| frame.world_from_camera.is_some()).count(), 3);
+        fs::remove_file(file).unwrap();
+        fs::remove_dir_all(scene).unwrap();
     }
 }
 

@@ -37,6 +37,7 @@ mod page_large;
 mod page_map;
 mod page_plan;
 mod paper;
+mod phone_scenes;
 mod places;
 mod poses;
 mod recording;
