@@ -33,6 +33,7 @@ fn drifted_map() -> SplatFile {
     let count = 1 + KEYFRAMES / 5;
     SplatFile {
         origin: DVec3::ZERO,
+        registered_kind: None,
         map: SplatMap {
             balls: Balls { means: (0..COUNT).map(place).collect(), radii: vec![0.012; COUNT] },
             colors: vec![[128; 3]; COUNT],

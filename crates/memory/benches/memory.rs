@@ -66,6 +66,7 @@ fn files(criterion: &mut Criterion) {
             origin: DVec3::ZERO,
             map,
             content,
+            registered_kind: None,
             segment_ids,
             ids: (1..=40).collect(),
             sightings: vec![9; 40],

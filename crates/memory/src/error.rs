@@ -70,7 +70,7 @@ pub enum LoadMemoryError {
         /// The file.
         path: String,
         /// Kind of the file.
-        found: &'static str,
+        found: String,
         /// Kind in the settings.
         expected: &'static str,
     },

@@ -50,7 +50,7 @@ impl SavedStore<'_> {
     /// The error for content of another kind of memory than the settings choose.
     pub fn unexpected(&self, settings: &MemorySettings) -> LoadMemoryError {
         let path = self.path.display().to_string();
-        LoadMemoryError::Kind { path, found: self.content.kind().name(), expected: settings.kind.name() }
+        LoadMemoryError::Kind { path, found: self.content.kind().name().to_owned(), expected: settings.kind.name() }
     }
 }
 
@@ -89,7 +89,7 @@ static REGISTERED: Mutex<Vec<&'static MemoryKindDefinition>> = Mutex::new(Vec::n
 /// read.
 ///
 /// It is saved if its stores have a [`SegmentStore::content`]. The file then has the votes or features of a built-in
-/// kind, not the name of this one, so `memory.kind` must be given again to load it as this kind.
+/// kind and the name of this one, and a program that has not registered it refuses to continue the map.
 ///
 /// # Errors
 /// If the name is taken or cannot be written.

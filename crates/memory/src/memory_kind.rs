@@ -63,6 +63,14 @@ impl MemoryKind {
         }
     }
 
+    /// Returns the name of a kind that another crate has added, `None` for a built-in one.
+    pub(crate) const fn registered_name(self) -> Option<&'static str> {
+        match self {
+            Self::Registered(RegisteredKind(name)) => Some(name),
+            _ => None,
+        }
+    }
+
     /// Adds a name.
     ///
     /// # Errors

@@ -73,6 +73,7 @@ impl SplatMemory {
             origin: self.origin,
             map: &self.map,
             content,
+            registered_kind: self.settings.kind.registered_name(),
             segment_ids: &segment_ids,
             ids: &ids,
             sightings: &sightings,
@@ -91,8 +92,12 @@ impl SplatMemory {
     pub fn load(path: impl AsRef<Path>, settings: MemorySettings) -> Result<Self, LoadMemoryError> {
         settings.validate().map_err(MemoryError::from)?;
         let path = path.as_ref();
-        let SplatFile { origin, mut map, content, ids, sightings, carried, frames, saved_state, segment_ids: _ } =
-            SplatFile::load(path)?;
+        let file = SplatFile::load(path)?;
+        if let Some(found) = file.registered_kind.clone().filter(|name| name != settings.kind.name()) {
+            let (path, expected) = (path.display().to_string(), settings.kind.name());
+            return Err(LoadMemoryError::Kind { path, found, expected });
+        }
+        let SplatFile { origin, mut map, content, ids, sightings, carried, frames, saved_state, .. } = file;
         let live = ids.into_iter().zip(sightings).zip(carried);
         let live: Vec<SavedSegment> =
             live.map(|((id, sightings), carried)| SavedSegment { id, sightings, carried }).collect();

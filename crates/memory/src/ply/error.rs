@@ -25,6 +25,19 @@ pub enum SplatFileError {
         /// The requested file.
         path: PathBuf,
     },
+    /// The kind of memory is not one of this program.
+    #[error(
+        "{}: was saved with memory.kind = \"{found}\", which this program does not have: it has {known}",
+        path.display()
+    )]
+    UnknownKind {
+        /// The file.
+        path: PathBuf,
+        /// The kind in the file.
+        found: String,
+        /// The kinds that there are.
+        known: String,
+    },
     /// The lines of the header have the ends of another system, so other bytes have changed, too.
     #[error(
         "{}: the lines of the header end in CR LF: the file was copied as text, which damages it; copy it as binary",

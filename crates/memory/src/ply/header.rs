@@ -2,7 +2,7 @@
 
 use super::error::SplatFileError;
 use super::layout::{Layout, Sizes};
-use super::{OLD_VERSION, VERSION};
+use super::{OLD_VERSION, SplatFileView, VERSION};
 use glam::DVec3;
 use splatseg_geometry::Pose;
 use std::fmt::Write;
@@ -13,6 +13,8 @@ use std::path::Path;
 const MAX_HEADER_BYTES: u64 = 1 << 22;
 /// Beginning of the comment that states the origin of the coordinates.
 const ORIGIN: &str = "comment origin ";
+/// Beginning of the comment with the name of a kind of memory that another crate has registered.
+const REGISTERED_KIND: &str = "comment kind ";
 /// Maximum number of characters of an invalid line in an error.
 const SHOWN_CHARS: usize = 100;
 
@@ -24,15 +26,17 @@ pub struct Header {
     pub sizes: Sizes,
     /// Origin of the Gaussians' coordinates: world coordinates, metres.
     pub origin: DVec3,
+    /// Name of the kind of memory, if it is one that another crate has registered.
+    pub registered_kind: Option<String>,
 }
 
 /// Formats the header of a file.
 ///
 /// # Errors
 /// If [`read`] would refuse it.
-pub fn checked(sizes: &Sizes, origin: DVec3, path: &Path) -> Result<String, SplatFileError> {
+pub fn checked(view: &SplatFileView<'_>, sizes: &Sizes, path: &Path) -> Result<String, SplatFileError> {
     sizes.check(path)?;
-    let text = format(sizes, origin);
+    let (origin, text) = (view.origin, format(view, sizes));
     let (found, max) = (text.len() as u64, MAX_HEADER_BYTES);
     if found > max {
         return Err(SplatFileError::HeaderLength { path: path.to_owned(), found, max });
@@ -40,10 +44,13 @@ pub fn checked(sizes: &Sizes, origin: DVec3, path: &Path) -> Result<String, Spla
     if !is_possible_origin(origin) {
         return Err(origin_error(origin_comment(origin).trim_end(), path));
     }
+    if let Some(name) = view.registered_kind.filter(|name| !is_kind(name)) {
+        return Err(kind_error(name, path));
+    }
     Ok(text)
 }
 
-fn format(sizes: &Sizes, origin: DVec3) -> String {
+fn format(view: &SplatFileView<'_>, sizes: &Sizes) -> String {
     let (kind, segments) = (sizes.layout.kind().name(), sizes.segments);
     let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
     // Writing to a string cannot fail.
@@ -52,7 +59,10 @@ fn format(sizes: &Sizes, origin: DVec3) -> String {
         let _ = write!(text, "feature_dim {feature_dim} codes {codes} ");
     }
     let _ = writeln!(text, "segments {segments} {} {}", size_word(VERSION), sizes.saved_state);
-    text.push_str(&origin_comment(origin));
+    text.push_str(&origin_comment(view.origin));
+    if let Some(name) = view.registered_kind {
+        let _ = writeln!(text, "{REGISTERED_KIND}{name}");
+    }
     let _ = writeln!(text, "element vertex {}", sizes.gaussians);
     for (kind, name) in sizes.layout.properties() {
         let _ = writeln!(text, "property {kind} {name}");
@@ -74,6 +84,20 @@ fn read_origin(lines: &[&str], path: &Path) -> Result<DVec3, SplatFileError> {
     let numbers: Option<Vec<f64>> = numbers.split(' ').map(|number| number.parse().ok()).collect();
     let origin = numbers.and_then(|numbers| <[f64; 3]>::try_from(numbers).ok()).map(DVec3::from_array);
     origin.filter(|origin| is_possible_origin(*origin)).ok_or_else(|| origin_error(line, path))
+}
+
+/// Reads the name of a registered kind of memory from its comment, if there is one.
+fn read_registered_kind(lines: &[&str], path: &Path) -> Result<Option<String>, SplatFileError> {
+    let Some(name) = lines.iter().find_map(|line| line.strip_prefix(REGISTERED_KIND)) else { return Ok(None) };
+    if is_kind(name) { Ok(Some(name.to_owned())) } else { Err(kind_error(name, path)) }
+}
+
+fn is_kind(name: &str) -> bool {
+    splatseg_settings::is_name(name) && name.len() <= SHOWN_CHARS
+}
+
+fn kind_error(name: &str, path: &Path) -> SplatFileError {
+    header_error(path, &format!("{REGISTERED_KIND}{name}"), "up to 100 lower-case letters, digits, - and _")
 }
 
 fn is_possible_origin(origin: DVec3) -> bool {
@@ -99,6 +123,7 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
     };
     let announced = read_announcement(announced, path)?;
     let origin = read_origin(&lines, path)?;
+    let registered_kind = read_registered_kind(&lines, path)?;
     let mut body = lines.into_iter().filter(|line| !line.starts_with("comment ") && !line.starts_with("format "));
     let element = body.next().unwrap_or_default();
     let Some(Ok(gaussians)) = element.strip_prefix("element vertex ").map(str::parse) else {
@@ -113,7 +138,7 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
     }
     let sizes = Sizes { gaussians, ..announced };
     sizes.check(path)?;
-    Ok(Header { sizes, origin, bytes })
+    Ok(Header { sizes, origin, registered_kind, bytes })
 }
 
 /// The word before the length of the state in the comment of a version.

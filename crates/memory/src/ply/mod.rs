@@ -32,6 +32,12 @@
 //! comment origin 500000 5400000 0
 //! ```
 //!
+//! A kind of memory that another crate has registered has the content of a built-in one, and its name in a further comment:
+//!
+//! ```text
+//! comment kind last-seen
+//! ```
+//!
 //! A memory of features has another comment, and features in place of votes:
 //!
 //! ```text
@@ -123,6 +129,8 @@ pub struct SplatFile {
     pub map: SplatMap,
     /// Votes or features of the Gaussians, N entries.
     pub content: SplatContent,
+    /// Name of the kind of memory, if it is one that another crate has registered.
+    pub registered_kind: Option<String>,
     /// Segment that each Gaussian shows by itself, 0 for none, `[N]`; for viewers.
     pub segment_ids: Vec<u32>,
     /// The live ids, in increasing order, `[S]`.
@@ -163,6 +171,8 @@ pub struct SplatFileView<'a> {
     pub map: &'a SplatMap,
     /// Votes or features of the Gaussians, N entries.
     pub content: SplatContentView<'a>,
+    /// Name of the kind of memory, if it is one that another crate has registered.
+    pub registered_kind: Option<&'a str>,
     /// Segment that each Gaussian shows by itself, 0 for none, `[N]`; for viewers.
     pub segment_ids: &'a [u32],
     /// The live ids, in increasing order, `[S]`.
@@ -219,6 +229,7 @@ impl SplatFile {
             origin: self.origin,
             map: &self.map,
             content: self.content.view(),
+            registered_kind: self.registered_kind.as_deref(),
             segment_ids: &self.segment_ids,
             ids: &self.ids,
             sightings: &self.sightings,

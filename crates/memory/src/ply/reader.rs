@@ -7,7 +7,6 @@ use super::layout::Sizes;
 use super::record::{self, Records};
 use super::trailer::{Contents, Trailer, file_bytes};
 use super::{CHUNK_BYTES, SplatContent, SplatFile};
-use glam::DVec3;
 use splatseg_files::open_file;
 use std::io::BufReader;
 use std::path::Path;
@@ -17,15 +16,16 @@ pub fn load(path: &Path) -> Result<SplatFile, SplatFileError> {
     let file = open_file(path).map_err(SplatFileError::io(path, "open"))?;
     let length = file.metadata().map_err(SplatFileError::io(path, "read"))?.len();
     let mut file = BufReader::with_capacity(CHUNK_BYTES, file);
-    let Header { bytes, sizes, origin } = header::read(&mut file, path)?;
-    check_length(&sizes, bytes.len(), length, path)?;
-    let mut input = Input::new(file, &bytes, path);
+    let header = header::read(&mut file, path)?;
+    let sizes = header.sizes;
+    check_length(&sizes, header.bytes.len(), length, path)?;
+    let mut input = Input::new(file, &header.bytes, path);
     let (records, outcome) = read_records(&sizes, &mut input)?;
     let trailer = Trailer::read(&sizes, &mut input)?;
     input.check_checksum()?;
     // Reported only now: if bytes were altered, the checksum error is the better message.
     outcome?;
-    assemble(origin, records, trailer.checked(&sizes, path)?, path)
+    assemble(header, records, trailer.checked(&sizes, path)?, path)
 }
 
 /// Returns an error if the length of a file differs from the length in its header. Memory is allocated only after this
@@ -59,7 +59,7 @@ fn read_records(sizes: &Sizes, input: &mut Input<'_>) -> Result<(Records, Result
     Ok((records, outcome))
 }
 
-fn assemble(origin: DVec3, records: Records, contents: Contents, path: &Path) -> Result<SplatFile, SplatFileError> {
+fn assemble(header: Header, records: Records, contents: Contents, path: &Path) -> Result<SplatFile, SplatFileError> {
     let Records { map, votes, features, segment_ids } = records;
     let Contents { frames, codebook, ids, sightings, carried, saved_state } = contents;
     record::check_last_seen(&map.last_seen, frames, path)?;
@@ -68,5 +68,6 @@ fn assemble(origin: DVec3, records: Records, contents: Contents, path: &Path) ->
         None => SplatContent::Evidence { votes },
         Some(codebook) => SplatContent::Features { features, codebook },
     };
-    Ok(SplatFile { origin, map, content, segment_ids, ids, sightings, carried, frames, saved_state })
+    let Header { origin, registered_kind, .. } = header;
+    Ok(SplatFile { origin, map, content, registered_kind, segment_ids, ids, sightings, carried, frames, saved_state })
 }

@@ -35,13 +35,14 @@ impl SavedMemorySettings {
     /// blocks of codes.
     ///
     /// # Errors
-    /// [`SplatFileError`] if the file cannot be read, is another kind of PLY, or differs in length from its header.
+    /// [`SplatFileError`] if the file cannot be read, is another kind of PLY, or differs in length from its header, or if
+    /// this program has no kind of memory with its name.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, SplatFileError> {
         let path = path.as_ref();
         let file = open_file(path).map_err(SplatFileError::io(path, "open"))?;
         let length = file.metadata().map_err(SplatFileError::io(path, "open"))?.len();
         let mut file = BufReader::new(file);
-        let Header { bytes, sizes, .. } = header::read(&mut file, path)?;
+        let Header { bytes, sizes, registered_kind, .. } = header::read(&mut file, path)?;
         reader::check_length(&sizes, bytes.len(), length, path)?;
         let codes = match sizes.layout {
             Layout::Evidence => None,
@@ -56,6 +57,13 @@ impl SavedMemorySettings {
                 Some(SavedCodes { feature_dim, num_codes: num_codes as usize })
             }
         };
-        Ok(Self { kind: sizes.layout.kind(), codes })
+        let kind = match registered_kind {
+            None => sizes.layout.kind(),
+            Some(name) => MemoryKind::from_name(&name).ok_or_else(|| {
+                let known = MemoryKind::names().join(", ");
+                SplatFileError::UnknownKind { path: path.to_owned(), found: name, known }
+            })?,
+        };
+        Ok(Self { kind, codes })
     }
 }

@@ -12,7 +12,7 @@ pub fn save(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError>
     check_lengths(view, path)?;
     let saved_state = state_bytes(view, path)?;
     let sizes = Sizes::of(view, saved_state.len());
-    let header = header::checked(&sizes, view.origin, path)?;
+    let header = header::checked(view, &sizes, path)?;
     trailer::check_ids(view.ids, &sizes, path)?;
     let mut file = AtomicFile::create(path).map_err(SplatFileError::io(path, "create a temporary file beside it"))?;
     write_file(view, (&sizes, &header, &saved_state), path, &mut file)?;

@@ -234,11 +234,11 @@ fn a_memory_that_differs_from_the_settings_is_refused() {
 
     save(MemoryKind::Evidence);
     let error = refusal(of(MemoryKind::Features));
-    assert!(matches!(error, LoadMemoryError::Kind { found: "evidence", expected: "features", .. }), "{error}");
+    assert!(matches!(error, LoadMemoryError::Kind { expected: "features", .. }), "{error}");
     assert!(error.to_string().contains("memory.ply") && error.to_string().contains("memory.kind"), "{error}");
 
     save(MemoryKind::Features);
-    assert!(matches!(refusal(of(MemoryKind::Evidence)), LoadMemoryError::Kind { found: "features", .. }));
+    assert!(matches!(refusal(of(MemoryKind::Evidence)), LoadMemoryError::Kind { expected: "evidence", .. }));
     let other = of(MemoryKind::Features).with(|settings| settings.feature_dim = 5);
     assert!(matches!(refusal(other), LoadMemoryError::FeatureDim { found: 4, expected: 5, .. }));
     let impossible = of(MemoryKind::Features).with(|settings| settings.feature_dim = 0);

@@ -4,8 +4,8 @@ use glam::{Mat4, Vec3};
 use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
     LearningExtent, LoadMemoryError, MemoryError, MemoryKind, MemoryKindDefinition, MemoryRules, MemorySettings,
-    NewGaussian, Recall, RegisterKindError, SegmentStore, SplatContent, SplatContentView, SplatFileError, SplatMemory,
-    StoreTile, TileSurface, Votes, register_memory_kind,
+    NewGaussian, Recall, RegisterKindError, SavedMemorySettings, SegmentStore, SplatContent, SplatContentView,
+    SplatFile, SplatFileError, SplatMemory, StoreTile, TileSurface, Votes, register_memory_kind,
 };
 use splatseg_render::{Splats, TileWeights};
 use splatseg_test_scenes::{camera, wall};
@@ -196,4 +196,17 @@ fn a_registered_kind_is_chosen_by_its_name_saved_and_loaded() {
     assert_eq!(shown(&loaded, &frame), shown(&memory, &frame));
     assert_eq!(loaded.new_segment().unwrap(), 3);
     assert!(matches!(SplatMemory::load(&path, features), Err(LoadMemoryError::Kind { expected: "features", .. })));
+    // Its votes mean something else than those of the built-in kind, and the file says whose they are.
+    let error = SplatMemory::load(&path, MemorySettings::default()).unwrap_err().to_string();
+    assert!(error.ends_with("the memory has the kind \"last-seen\", but memory.kind is \"evidence\""), "{error}");
+    assert_eq!(SavedMemorySettings::read(&path).unwrap().kind, kind);
+    let unknown = folder.path().join("unknown.ply");
+    let file = SplatFile { registered_kind: Some("first-seen".to_owned()), ..SplatFile::load(&path).unwrap() };
+    file.save(&unknown).unwrap();
+    let error = SavedMemorySettings::read(&unknown).unwrap_err().to_string();
+    let expected = "was saved with memory.kind = \"first-seen\", which this program does not have: it has evidence, \
+                    features, last-seen";
+    assert!(error.ends_with(expected), "{error}");
+    let file = SplatFile { registered_kind: Some("First seen".to_owned()), ..file };
+    assert!(matches!(file.save(&unknown), Err(SplatFileError::Header { .. })));
 }

@@ -58,7 +58,7 @@ impl SettingsLayers {
     }
 
     /// Adds the settings that a saved memory fixes: its kind, feature dimension and number of codes. Does nothing for a
-    /// method without a memory, and for a kind of memory that another crate has registered.
+    /// method without a memory, and where the layers choose a registered kind of memory for a file of a built-in one.
     ///
     /// # Errors
     /// If the file cannot be read, or a layer has another value.
@@ -69,8 +69,8 @@ impl SettingsLayers {
         }
         let saved = SavedMemorySettings::read(path)?;
         let kind = self.get("memory.kind").and_then(Value::as_str).and_then(MemoryKind::from_name);
-        // The file has the content of a built-in kind. Whether a registered kind can use it is found out by loading it.
-        if matches!(kind, Some(MemoryKind::Registered(_))) {
+        // Whether a registered kind can use the content of a built-in one is found out by loading it.
+        if matches!(kind, Some(MemoryKind::Registered(_))) && !matches!(saved.kind, MemoryKind::Registered(_)) {
             return Ok(());
         }
         let number = |number: usize| Value::Integer(i64::try_from(number).unwrap_or(i64::MAX));

@@ -130,6 +130,7 @@ proptest! {
         sightings in any::<[u32; MAX_ID as usize]>(),
         carried in any::<[bool; MAX_ID as usize]>(),
         arrays in prop::collection::btree_map("[a-z_.]{1,12}", any::<Vec<u16>>(), 0..4),
+        kind in prop::option::of("[a-z0-9_-]{1,12}"),
         origin in prop_oneof![Just([0.0; 3]), proptest::array::uniform3(-1e9f64..1e9)],
     ) {
         let origin = DVec3::from(origin);
@@ -150,8 +151,8 @@ proptest! {
         for content in [SplatContent::Evidence { votes: all_votes }, SplatContent::Features { features: all_features, codebook }] {
             let (map, segment_ids, saved_state) = (map.clone(), segment_ids.clone(), saved_state.clone());
             let (sightings, carried) = (sightings.to_vec(), carried.to_vec());
-            let ids = (1..=MAX_ID).collect();
-            let file = SplatFile { origin, map, content, segment_ids, ids, sightings, carried, frames: 9, saved_state };
+            let (registered_kind, ids) = (kind.clone(), (1..=MAX_ID).collect());
+            let file = SplatFile { origin, map, content, registered_kind, segment_ids, ids, sightings, carried, frames: 9, saved_state };
             prop_assert_eq!(&reloaded(&file), &file);
             // −0 equals 0, but their bytes differ.
             prop_assert_eq!(saved(&reloaded(&file)), saved(&file));

@@ -59,6 +59,7 @@ pub fn with_content(content: SplatContent, count: usize) -> SplatFile {
         origin: DVec3::ZERO,
         map,
         content,
+        registered_kind: None,
         segment_ids: (0..count).map(|index| (index % (SEGMENTS + 1)) as u32).collect(),
         ids: (1..=SEGMENTS as u32).collect(),
         sightings: vec![3, 0, u32::MAX, 500],
