@@ -2,13 +2,17 @@
 //!
 //! Published networks for metric indoor depth have mean relative errors of 5 to 10 % (NYU Depth v2; Depth Anything V2:
 //! Yang et al., NeurIPS 2024). Within an image the error is smooth; from frame to frame the scale wanders; edges are
-//! blurred. Where nothing was measured within a few pixels, nothing is predicted, as the truth is not known there. All errors are drawn from the seed and depend on the time of the frame alone.
+//! blurred. Where nothing was measured within a few pixels, nothing is predicted, as the truth is not known there: unless
+//! another scene of the same frames has it. All errors are drawn from the seed and depend on the time of the frame alone.
 
-use crate::{Chance, normal};
+use crate::{Chance, SimulatorError, normal};
 use rayon::prelude::*;
+use splatseg_dataset::{Framing, Scene};
 use splatseg_depth::{DepthPredictor, DepthPredictorError, PredictedDepth};
 use splatseg_geometry::{CameraFrame, CowImage, Image};
 use splatseg_settings::{Allowed, settings};
+use std::collections::HashMap;
+use std::sync::Arc;
 
 settings! {
     /// The error model of [`SimDepthPredictor`]. Lengths are pixels of an image 320 pixels wide.
@@ -52,17 +56,50 @@ impl From<Drawn> for u64 {
     }
 }
 
-/// A predictor that returns a frame's own depth with the errors of a network. Small holes are filled from what is around them.
+/// A predictor that returns a frame's own depth with the errors of a network, or that of another scene. Small holes are
+/// filled from what is around them.
 #[derive(Clone, Debug)]
 pub struct SimDepthPredictor {
     settings: SimDepthSettings,
     chance: Chance,
+    truth: Option<TrueDepth>,
+}
+
+/// The depth of a scene, looked up by frame name.
+#[derive(Clone, Debug)]
+struct TrueDepth {
+    scene: Arc<dyn Scene>,
+    framing: Framing,
+    index_of_name: HashMap<String, usize>,
+}
+
+impl TrueDepth {
+    /// The depth of a frame, metres.
+    fn of(&self, frame: &CameraFrame<'_>) -> Result<CowImage<'static, f32>, SimulatorError> {
+        let name = frame.name().to_owned();
+        let index = self.index_of_name.get(frame.name());
+        let index = *index
+            .ok_or_else(|| SimulatorError::NoTrueDepth { scene: self.scene.name().to_owned(), frame: name.clone() })?;
+        let read = self.scene.read_recorded(index).and_then(|read| self.framing.apply(read.frame));
+        let read = read.map_err(|source| SimulatorError::GroundTruth { frame: name, source: Box::new(source) })?;
+        SimulatorError::check_size(frame, (read.width(), read.height()))?;
+        Ok(read.depth().clone())
+    }
 }
 
 impl SimDepthPredictor {
     /// Creates a predictor whose errors are drawn from `seed`.
     pub fn new(settings: SimDepthSettings, seed: u64) -> Self {
-        Self { settings, chance: Chance { seed } }
+        Self { settings, chance: Chance { seed }, truth: None }
+    }
+
+    /// Takes the depth of `scene` instead of the frames' own: of the frames with the same names, which are resized and
+    /// cropped by `framing`. So it is known what the depth is where a sensor has holes.
+    #[must_use]
+    pub fn with_truth(mut self, scene: Arc<dyn Scene>, framing: Framing) -> Self {
+        let index_of_name = (0..scene.frame_count()).map(|index| (scene.frame_name(index), index)).collect();
+        self.truth = Some(TrueDepth { scene, framing, index_of_name });
+        self
     }
 
     /// A number with a standard normal distribution that changes smoothly, within about a second.
@@ -97,8 +134,10 @@ impl DepthPredictor for SimDepthPredictor {
         let (width, height) = (frame.width(), frame.height());
         let factors = self.factors(seconds(frame));
         let radius = self.settings.blur_px * width as f64 / 640.0;
-        let inverse =
-            without_holes(&frame.depth().map(|depth| if *depth > 0.0 { 1.0 / depth } else { 0.0 }), FILLED_HALVINGS);
+        let failed = |error| DepthPredictorError::Other { name: "sim".to_owned(), source: Box::new(error) };
+        let truth = self.truth.as_ref().map(|truth| truth.of(frame)).transpose().map_err(failed)?;
+        let depth = truth.as_ref().unwrap_or(frame.depth());
+        let inverse = without_holes(&depth.map(|depth| if *depth > 0.0 { 1.0 / depth } else { 0.0 }), FILLED_HALVINGS);
         let inverse = blurred(&inverse, radius.round() as usize);
         let depth = Image::from_fn(width, height, |column, row| {
             let inverse = inverse[(column, row)];
@@ -235,6 +274,23 @@ mod tests {
         };
         assert!((0.03..0.07).contains(&mean_change(30)), "{}", mean_change(30));
         assert!(mean_change(1) < 0.006, "{}", mean_change(1));
+    }
+
+    #[test]
+    fn the_depth_of_another_scene_is_distorted_instead() {
+        let scene: Arc<dyn Scene> = Arc::new(splatseg_test_scenes::room("synthetic:frames=2,width=64,height=48"));
+        let exact = SimDepthSettings { error: 0.0, drift: 0.0, blur_px: 0.0, ..SimDepthSettings::default() };
+        let mut predictor = SimDepthPredictor::new(exact, 3).with_truth(Arc::clone(&scene), Framing::default());
+        for index in 0..2 {
+            let whole = scene.read_recorded(index).unwrap().frame;
+            let blind = Image::filled(64, 48, 0.0);
+            let blind = CameraFrame::new(whole.name(), whole.color().clone(), blind, *whole.intrinsics()).unwrap();
+            let found = predictor.predict(&blind).unwrap().depth;
+            let pairs = found.pixels().iter().zip(whole.depth().pixels());
+            assert!(pairs.filter(|(_, truth)| **truth > 0.0).all(|(found, truth)| (found / truth - 1.0).abs() < 1e-6));
+        }
+        let error = predictor.predict(&frame(0)).unwrap_err().to_string();
+        assert!(error.contains("has no frame 7"), "{error}");
     }
 
     #[test]

@@ -33,6 +33,14 @@ pub enum SimulatorError {
         /// Name of the frame.
         frame: String,
     },
+    /// The scene with the true depth does not contain the frame.
+    #[error("{scene} has no frame {frame}, whose true depth is needed (true_depth)")]
+    NoTrueDepth {
+        /// Name of the scene.
+        scene: String,
+        /// Name of the frame.
+        frame: String,
+    },
     /// The ground truth of a frame could not be read.
     #[error("the ground truth of frame {frame}: {source}")]
     GroundTruth {

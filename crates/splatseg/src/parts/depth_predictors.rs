@@ -2,7 +2,8 @@
 
 use super::DepthAnythingSettings;
 use super::requirements::{Registry, choice};
-use super::{Part, PartContext, PartError, PartFiles, PartKind, PartSection, PartSettings, PartTable};
+use super::{Part, PartContext, PartError, PartFile, PartFiles, PartKind, PartSection, PartSettings, PartTable};
+use splatseg_dataset::{DatasetSettings, open_scene};
 use splatseg_depth::DepthPredictor;
 use splatseg_settings::SettingError;
 use splatseg_simulators::{SimDepthPredictor, SimDepthSettings};
@@ -13,6 +14,16 @@ pub type DepthPredictorSettings = PartSettings<dyn DepthPredictor>;
 
 static DEPTH_PREDICTORS: PartTable<dyn DepthPredictor> =
     PartTable::new(&[Part::of::<DepthAnythingSettings>(), Part::of::<SimDepthSettings>()]);
+
+const TRUE_DEPTH: PartFile = PartFile {
+    key: "true_depth",
+    help: "For `sim`: a scene with the same frames, whose depth it distorts instead of the frames' own. So the filling of \
+           holes can be measured.",
+    what: "a scene, e.g. --set true_depth=SCENE",
+    called: "the scene of true_depth",
+    is_required: false,
+    is_checkpoint: false,
+};
 
 impl PartKind for dyn DepthPredictor {
     const KEY: &'static str = "depth_predictor";
@@ -33,9 +44,14 @@ impl DepthPredictorSettings {
 impl PartSection<dyn DepthPredictor> for SimDepthSettings {
     const NAME: &'static str = "sim";
     const HELP: &'static str = "The frame's own depth with the errors of a network, for comparing methods";
+    const FILES: &'static [PartFile] = &[TRUE_DEPTH];
 
-    fn build(&self, _: &PartFiles, context: &PartContext<'_>) -> Result<Box<dyn DepthPredictor>, PartError> {
-        Ok(Box::new(SimDepthPredictor::new(*self, context.seed)))
+    fn build(&self, files: &PartFiles, context: &PartContext<'_>) -> Result<Box<dyn DepthPredictor>, PartError> {
+        let predictor = SimDepthPredictor::new(*self, context.seed);
+        let Some(path) = files.get(&TRUE_DEPTH) else { return Ok(Box::new(predictor)) };
+        let failed = |source| PartError::Other { name: "true_depth".to_owned(), source: Box::new(source) };
+        let scene = open_scene(path, &DatasetSettings::default()).map_err(failed)?;
+        Ok(Box::new(predictor.with_truth(scene, context.framing)))
     }
 }
 
