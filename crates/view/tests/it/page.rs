@@ -204,7 +204,7 @@ fn viewers_find_objects_and_name_them_if_the_program_answers() {
     server.answer_with(Arc::new(|request| match request {
         ViewRequest::Find(text) if text == "mug" => Ok(ViewAnswer::Found(vec![(7, 0.5), (3, 0.25)])),
         ViewRequest::Find(_) => Err("no names".to_owned()),
-        ViewRequest::Name(..) => Ok(ViewAnswer::Named),
+        ViewRequest::Name(..) | ViewRequest::Merge(_) => Ok(ViewAnswer::Done),
     }));
     let mut page = watched(&server);
     assert_eq!(page.page_message("hello").unwrap().0["answers"], json!(true));
