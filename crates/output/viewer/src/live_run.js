@@ -17,7 +17,11 @@ export class LiveRun {
   up = [0, 0, 1];
   map = null;
   changes = null;
+  /** Stamp of the first frame that shows an object, seconds. */
+  start = Infinity;
   objects = [];
+  /** For each object that was merged into another one, that one: maps and frames that are under way have the old ids. */
+  into = new Map();
   byId = new Map();
   frameCount = 0;
   /** Frames have no names here that parts of the page could go to. */
@@ -53,9 +57,25 @@ export class LiveRun {
     if (this.#rotations.length > MAX_ROTATIONS) this.#rotations = this.#rotations.filter((_, place) => place % 2 === 0);
   }
 
+  /** `spans` of an object are when it was seen, `[first, last]` stamp. */
   setObjects(objects) {
-    this.objects = objects.map((object) => ({ ...object, seen: [] }));
+    this.start = Math.min(this.start, ...objects.flatMap(({ spans }) => spans[0]?.[0] ?? []));
+    // Frames that the page could go to are not kept. A list may be older than a merge.
+    this.objects = objects.filter(({ id }) => !this.into.has(id)).map((object) => ({ ...object, seen: [] }));
     this.byId = new Map(this.objects.map((object) => [object.id, object]));
+  }
+
+  /** The objects as rows of a timeline. */
+  rows() {
+    return this.objects.map((object) => ({ ...object, seen: object.spans.map((span) => span.map((stamp) => stamp - this.start)) }));
+  }
+
+  /** Objects were merged into one. */
+  merge({ ids, into }) {
+    for (const id of ids.filter((id) => id !== into)) {
+      for (const [from, to] of this.into) if (to === id) this.into.set(from, into);
+      this.into.set(id, into);
+    }
   }
 
   /** The newest camera's intrinsics. */

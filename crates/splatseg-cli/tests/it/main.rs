@@ -33,6 +33,7 @@ mod objects;
 mod output_folder;
 mod page_browser;
 mod page_controls;
+mod page_edits;
 mod page_large;
 mod page_map;
 mod page_plan;
