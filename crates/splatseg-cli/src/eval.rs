@@ -8,11 +8,14 @@ use super::output_folder::OverwritePolicy;
 use super::terminal::counted;
 use clap::Args;
 use serde::Serialize;
-use splatseg::evaluation::{EvaluationOptions, Ids, MissingCounts, MissingFrames, RunSummary, evaluate};
+use splatseg::evaluation::{
+    EvaluationOptions, Ids, MissingCounts, MissingFrames, RunSummary, ScoredFrame, evaluate_each,
+};
+use splatseg_annotations::Prediction;
 use splatseg_dataset::open_scene;
 use splatseg_files::MemoryLimit;
 use splatseg_metrics::{RawCounts, Scores, VideoScore, Void};
-use splatseg_output::write_atomically;
+use splatseg_output::{ComparedIds, Page, write_atomically};
 use splatseg_report::{FRAME_COLUMNS_EXPLAINED, SIZE_COLUMNS_EXPLAINED, overcount_note, windows_note};
 use splatseg_report::{terminal_frame_table, terminal_size_table, terminal_table};
 use std::num::NonZeroUsize;
@@ -35,7 +38,8 @@ const HELP: &str = "Predictions are one of\n\
       or not. Masks may overlap. List frames without any mask under the key `frames` (or `images`).\n\n\
     Examples:\n  \
     splatseg eval --pred out --json | jq .vsq\n  \
-    splatseg eval --gt scene0011_00 --pred out\n  \
+    splatseg eval --gt scene0011_00 --pred out --page\n  \
+    splatseg eval --gt other_out --pred out --page\n  \
     splatseg eval --gt scene0011_00 --stride 20 --resize 320x240 --pred tracks.json --json scores.json\n  \
     splatseg eval --gt MVPd/test:VIDEO --preset mvpd --min-truth-area 0.001 --pred results.json --video 17\n  \
     splatseg eval --mesh scene0011_00_vh_clean_2.ply --instances scene0011_00.txt --void-labels 1,2 --pred map.ply\n  \
@@ -45,7 +49,8 @@ const HELP: &str = "Predictions are one of\n\
 #[derive(Debug, Args)]
 #[command(after_long_help = format!("{HELP}\n\nTable by size: {SIZE_COLUMNS_EXPLAINED}\n\nSingle frames: {FRAME_COLUMNS_EXPLAINED}"))]
 pub struct EvalArguments {
-    /// Scene with ground truth; by default that of the run in --pred
+    /// Scene with ground truth; by default that of the run in --pred. Or the folder of another run of the same scene, whose
+    /// ids are then the truth: how far two runs agree
     #[arg(long, value_name = "SCENE", conflicts_with = "mesh")]
     pub gt: Option<PathBuf>,
     /// Predictions, see below; with --mesh a memory saved by `run --save-memory`; with --trajectory the folder of a run or
@@ -75,6 +80,10 @@ pub struct EvalArguments {
     pub rpe_frames: NonZeroUsize,
     #[command(flatten)]
     pub score: ScoreOptions,
+    /// Show the true ids on the page of the run in --pred: in the place of its own ones or beside them, with the same colour
+    /// for the same object
+    #[arg(long, conflicts_with_all = ["mesh", "trajectory", "no_ids"])]
+    pub page: bool,
     /// Print the scores as JSON instead of tables; with a FILE, write them there and print the tables
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = TO_OUTPUT)]
     pub json: Option<PathBuf>,
@@ -176,18 +185,60 @@ fn eval_video(arguments: &EvalArguments, gt: &Path) -> Result<(), Failure> {
     let ids = if arguments.no_ids { Ids::PerFrame } else { Ids::Lasting };
     arguments.memory_limit()?.enforce();
     let run = RunSummary::of(&arguments.pred).map_err(Failure::input)?;
+    let page = page_folder(arguments, run.as_ref())?;
+    let other = RunSummary::of(gt).map_err(Failure::input)?;
+    let scene = other.as_ref().map_or(gt, |other| other.scene.as_path());
     if let (Some(run), false) = (&run, arguments.allow_other_scene) {
-        run.check_scene(gt).map_err(Failure::input)?;
+        run.check_scene(scene).map_err(Failure::input)?;
     }
     let dataset = arguments.dataset.over(&run.map(|run| run.dataset).unwrap_or_default())?;
-    let scene = open_scene(gt, &dataset).map_err(Failure::input)?;
+    let scene = open_scene(scene, &dataset).map_err(Failure::input)?;
     let (video, min_score) = (arguments.video.clone(), arguments.min_score);
-    let options = EvaluationOptions { score: settings, missing, ids, video, min_score };
-    let found = evaluate(scene.as_ref(), &dataset, &arguments.pred, &options).map_err(Failure::input)?;
+    let truth = other.is_some().then(|| gt.to_owned());
+    let options = EvaluationOptions { score: settings, missing, ids, video, min_score, truth };
+    let mut compared = ComparedIds::default();
+    let mut add = |frame: &ScoredFrame<'_>| {
+        if let (Some(file), Prediction::Map(own)) = (frame.image.and_then(Path::file_stem), frame.prediction) {
+            compared.add(&file.to_string_lossy(), own, frame.truth);
+        }
+    };
+    let mut ignore = |_: &ScoredFrame<'_>| {};
+    let each: &mut dyn FnMut(&ScoredFrame<'_>) = if page.is_some() { &mut add } else { &mut ignore };
+    let found = evaluate_each(scene.as_ref(), &dataset, &arguments.pred, &options, each).map_err(Failure::input)?;
+    if let Some(folder) = page {
+        let name = if other.is_some() { gt.display().to_string() } else { "ground truth".to_owned() };
+        let figure = format!("{} · {}", compared.figure(), quality(&found.score));
+        compared.write(&folder, &name, &figure).map_err(Failure::runtime)?;
+        inform!("{}: shows {name}: {figure}", folder.join(Page::FILE).display());
+    }
     if arguments.prints_tables() {
         print_scores(gt, &found.score, &found.missing);
     }
     write_json(arguments, gt, &found.score, found.missing)
+}
+
+/// The folder with the page that `--page` changes.
+fn page_folder(arguments: &EvalArguments, run: Option<&RunSummary>) -> Result<Option<PathBuf>, Failure> {
+    if !arguments.page {
+        return Ok(None);
+    }
+    let pred = &arguments.pred;
+    let folder = match pred.parent() {
+        Some(parent) if pred.file_name().is_some_and(|name| name == "segments") => parent,
+        _ => pred,
+    };
+    if run.is_some() && folder.join(Page::FILE).is_file() {
+        return Ok(Some(folder.to_owned()));
+    }
+    Err(Failure::input(format!("{}: --page: found no page, expected the folder of a run with one", pred.display())))
+}
+
+/// The scores that the page shows.
+fn quality(score: &VideoScore) -> String {
+    let scores = score.scores();
+    let named = [("VSQ", scores.vsq), ("AQ", scores.aq)];
+    let texts = named.into_iter().filter_map(|(name, value)| Some(format!("{name} {:.1} %", value?)));
+    texts.collect::<Vec<_>>().join(", ")
 }
 
 fn print_scores(gt: &Path, score: &VideoScore, counts: &MissingCounts) {

@@ -32,6 +32,7 @@ mod name;
 mod objects;
 mod output_folder;
 mod page_browser;
+mod page_compared;
 mod page_controls;
 mod page_edits;
 mod page_large;
