@@ -20,6 +20,7 @@ const MAX_LABELS_BYTES: u64 = 1 << 20;
     splatseg name map.ply                                    # lists the objects and their names\n  \
     splatseg name map.ply 15=mug 7=\"office chair\" 9=          # by hand; `9=` takes a label away\n  \
     splatseg name map.ply room:2=kitchen room:1=             # rooms, with the numbers of the list\n  \
+    splatseg name map.ply merge:12=7                         # objects 7 and 12 are one: 7\n  \
     splatseg name map.ply --labels names.csv                 # lines of id,label\n  \
     splatseg name map.ply --names pe-core-s16.safetensors    # from the pictures in the map\n\n\
     The map is changed in place, unless --out names another file. No network replaces a label given by hand:\n\
@@ -27,7 +28,8 @@ const MAX_LABELS_BYTES: u64 = 1 << 20;
 pub struct NameArguments {
     /// The map: a memory saved by `run --save-memory`, `live --map` or a program
     pub map: PathBuf,
-    /// Labels by hand: the id of an object, or `room:` and the number of a room, `=`, and its label
+    /// Labels by hand: the id of an object, or `room:` and the number of a room, `=`, and its label. `merge:12=7` makes
+    /// objects 7 and 12 one, which keeps the lower id
     #[arg(value_name = "ID=LABEL")]
     pub given: Vec<String>,
     /// File of labels by hand: a line for each object or room, with id and label and a comma between
@@ -69,8 +71,8 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
     let mut map = NamedMap::load(path).map_err(Failure::input)?;
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     let ids = map.memory.map().carried_ids();
-    let unknown = |target: &Target| matches!(target, Target::Object(id) if !ids.contains(id));
-    if let Some((Target::Object(id), _)) = labels.iter().find(|(target, _)| unknown(target)) {
+    let unknown = |target: &Target| matches!(target, Target::Object(id) | Target::Merge(id) if !ids.contains(id));
+    if let Some((Target::Object(id) | Target::Merge(id), _)) = labels.iter().find(|(target, _)| unknown(target)) {
         return Err(wrong(format!("found no object {id}, expected one of {}", listed(&ids))));
     }
     if let Some(network) = &arguments.names {
@@ -88,6 +90,10 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
                 let named = map.names.set_by_hand(*id, label.as_deref());
                 named.map_err(|error| wrong(format!("object {id}: {error}")))?;
             }
+            Target::Merge(id) => {
+                let other = merged_with(*id, label.as_deref()).map_err(wrong)?;
+                map.merge_objects(&[*id, other]).map_err(|error| wrong(format!("merge:{id}: {error}")))?;
+            }
             Target::Room(number) => {
                 if plan.is_none() {
                     plan = Some(floor_plan(&map).map_err(wrong)?);
@@ -103,7 +109,7 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
         map.save(out).map_err(Failure::runtime)?;
         inform!("{}: {} with a label", out.display(), counted(map.names.labels().count(), "object"));
     }
-    list(&map, &ids);
+    list(&map, &map.memory.map().carried_ids());
     match plan {
         Some(mut plan) => {
             // Labels that were given after it may tell what a room is.
@@ -122,6 +128,16 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
 enum Target {
     Object(SegmentId),
     Room(u32),
+    /// The object becomes one with that whose id is in the place of a label.
+    Merge(SegmentId),
+}
+
+/// The id in the place of a label.
+fn merged_with(id: SegmentId, label: Option<&str>) -> Result<SegmentId, String> {
+    let label = label.unwrap_or_default();
+    label
+        .parse()
+        .map_err(|_| format!("merge:{id}: found {label:?}, expected the id of another object, e.g. merge:{id}=7"))
 }
 
 fn floor_plan(map: &NamedMap) -> Result<FloorPlan, String> {
@@ -185,9 +201,10 @@ fn label(text: &str, between: char) -> Result<(Target, Option<String>), String> 
     };
     let (id, label) = text.split_once(between).ok_or_else(wrong)?;
     let id = id.trim().trim_matches('"');
-    let target = match id.strip_prefix("room:") {
-        Some(number) => number.parse().map(Target::Room),
-        None => id.parse().map(Target::Object),
+    let target = match id.split_once(':') {
+        Some(("room", number)) => number.parse().map(Target::Room),
+        Some(("merge", id)) => id.parse().map(Target::Merge),
+        _ => id.parse().map(Target::Object),
     };
     let label = label.trim();
     let label = label.strip_prefix('"').and_then(|label| label.strip_suffix('"')).unwrap_or(label);

@@ -77,7 +77,7 @@ fn objects_are_merged_by_hand_in_all_views_and_it_is_kept_and_taken_back() {
     assert_eq!(browser.value("document.getElementById('stage').classList.contains('measuring')"), false);
 
     // The browser keeps it, and so does the link.
-    browser.wait_for("location.hash.includes('edits=')");
+    browser.wait_for("location.hash.includes('mug')");
     let link = browser.value("location.hash");
     let state = format!("[splatsegPage.run.byId.get({one}).label, splatsegPage.run.byId.has({other}), ...{counts}]");
     let edited = json!(["mug", false, merged[0], 0]);
