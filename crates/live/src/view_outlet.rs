@@ -96,7 +96,8 @@ impl Outlet for ViewOutlet {
         self.seen.record(frame.stamp, frame.result.objects.iter().map(|object| object.id));
         let pose = &frame.result.pose;
         let known = (pose.state != PoseState::Lost).then_some(&pose.world_from_camera);
-        self.server.publish_frame(known, || view_frame(frame, &self.objects));
+        // The first viewer may have come after the image was read; the next frame has it.
+        self.server.publish_frame(known, || Some(view_frame(frame, frame.color?, &self.objects)));
         if let Some(map) = frame.pipeline.map() {
             self.server.publish_map(&map);
         }
@@ -132,17 +133,15 @@ fn answer(requests: &Requests, request: ViewRequest) -> Result<ViewAnswer, Strin
     }
 }
 
-fn view_frame(frame: &LiveFrame<'_>, objects: &[ViewObject]) -> ViewFrame {
+fn view_frame(frame: &LiveFrame<'_>, color: &Pixels<[u8; 3]>, objects: &[ViewObject]) -> ViewFrame {
     let segments = &frame.result.output.segments;
-    let (width, height) = segments.size();
     let lost = (frame.result.pose.state == PoseState::Lost)
         .then(|| "The camera's pose is lost: turn it to a place that it has seen.".to_owned());
     ViewFrame {
         number: frame.number,
         name: frame.name.to_owned(),
         timestamp: Some(frame.stamp),
-        // The first viewer may have come after the image was read; the next frame has it.
-        color: frame.color.cloned().unwrap_or_else(|| Pixels::from_fn(width, height, |_, _| [0; 3])),
+        color: color.clone(),
         segments: segments.clone(),
         intrinsics: frame.intrinsics,
         objects: objects.to_vec(),

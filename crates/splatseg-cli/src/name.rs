@@ -83,27 +83,7 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
             return Err(wrong("its keyframes show no object in colour, so the network has nothing to see".to_owned()));
         }
     }
-    let mut plan = None;
-    for (target, label) in &labels {
-        match target {
-            Target::Object(id) => {
-                let named = map.names.set_by_hand(*id, label.as_deref());
-                named.map_err(|error| wrong(format!("object {id}: {error}")))?;
-            }
-            Target::Merge(id) => {
-                let other = merged_with(*id, label.as_deref()).map_err(wrong)?;
-                map.merge_objects(&[*id, other]).map_err(|error| wrong(format!("merge:{id}: {error}")))?;
-            }
-            Target::Room(number) => {
-                if plan.is_none() {
-                    plan = Some(floor_plan(&map).map_err(wrong)?);
-                }
-                if let Some(plan) = &mut plan {
-                    map.name_room(plan, *number, label.as_deref()).map_err(|error| wrong(error.to_string()))?;
-                }
-            }
-        }
-    }
+    let plan = apply(&mut map, &labels).map_err(wrong)?;
     if arguments.names.is_some() || !labels.is_empty() {
         let out = arguments.out.as_ref().unwrap_or(path);
         map.save(out).map_err(Failure::runtime)?;
@@ -121,6 +101,32 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
         None => {}
     }
     Ok(())
+}
+
+/// Changes a map as the labels say. Returns the plan of its rooms if that was needed.
+fn apply(map: &mut NamedMap, labels: &[(Target, Option<String>)]) -> Result<Option<FloorPlan>, String> {
+    let mut plan = None;
+    for (target, label) in labels {
+        let label = label.as_deref();
+        match target {
+            Target::Object(id) => {
+                map.names.set_by_hand(*id, label).map_err(|error| format!("object {id}: {error}"))?;
+            }
+            Target::Merge(id) => {
+                let other = merged_with(*id, label)?;
+                map.merge_objects(&[*id, other]).map_err(|error| format!("merge:{id}: {error}"))?;
+            }
+            Target::Room(number) => {
+                if plan.is_none() {
+                    plan = Some(floor_plan(map)?);
+                }
+                if let Some(plan) = &mut plan {
+                    map.name_room(plan, *number, label).map_err(|error| error.to_string())?;
+                }
+            }
+        }
+    }
+    Ok(plan)
 }
 
 /// What a label is for.

@@ -38,7 +38,7 @@ pub struct ViewObject {
     pub frames: usize,
     /// Its state in the map; `None` without a map. The page folds away what [does not count](splatseg_objects::Object::counts).
     pub state: Option<ObjectState>,
-    /// When it was seen: stretches `(first, last)` of the frames' timestamps, seconds. See [`SeenSpans`](crate::SeenSpans).
+    /// When it was seen: stretches `(first, last)`, seconds since the first frame. See [`SeenSpans`](crate::SeenSpans).
     pub seen: Vec<(f64, f64)>,
 }
 

@@ -10,7 +10,7 @@ const MAX_SPANS: usize = 4096;
 /// stretches.
 const FIRST_PAUSE_S: f64 = 0.5;
 
-/// Stretches of time, `(first, last)`, in the stamps of frames, seconds.
+/// Stretches of time, `(first, last)`, seconds since the first frame.
 type Spans = Vec<(f64, f64)>;
 
 /// When each object was seen.
@@ -19,19 +19,21 @@ pub struct SeenSpans {
     spans: BTreeMap<SegmentId, Spans>,
     count: usize,
     pause: f64,
+    /// Time of the latest frame, seconds since the first one, and its stamp.
     latest: f64,
+    stamp: Option<Duration>,
 }
 
 impl Default for SeenSpans {
     fn default() -> Self {
-        Self { spans: BTreeMap::new(), count: 0, pause: FIRST_PAUSE_S, latest: 0.0 }
+        Self { spans: BTreeMap::new(), count: 0, pause: FIRST_PAUSE_S, latest: 0.0, stamp: None }
     }
 }
 
 impl SeenSpans {
-    /// Records the objects of the next frame. A stamp before the latest one counts as that: a clock was set back.
+    /// Records the objects of the next frame. Where a clock was set back, time goes on from there.
     pub fn record(&mut self, stamp: Duration, ids: impl IntoIterator<Item = SegmentId>) {
-        self.latest = stamp.as_secs_f64().max(self.latest);
+        self.latest += stamp.saturating_sub(self.stamp.replace(stamp).unwrap_or(stamp)).as_secs_f64();
         for id in ids {
             let spans = self.spans.entry(id).or_default();
             match spans.last_mut().filter(|(_, last)| self.latest - *last <= self.pause) {
@@ -57,7 +59,7 @@ impl SeenSpans {
         self.recount();
     }
 
-    /// When an object was seen.
+    /// When an object was seen: stretches `(first, last)`, seconds since the first frame.
     pub fn of(&self, id: SegmentId) -> &[(f64, f64)] {
         self.spans.get(&id).map_or(&[], Vec::as_slice)
     }
@@ -105,16 +107,20 @@ mod tests {
     #[test]
     fn stretches_end_after_a_pause_and_are_joined_when_ids_turn_out_to_be_one() {
         let mut seen = SeenSpans::default();
-        for (tenths, ids) in [(0, &[1][..]), (2, &[1]), (4, &[1, 2]), (10, &[2]), (12, &[1])] {
+        for (tenths, ids) in [(900, &[1][..]), (902, &[1]), (904, &[1, 2]), (910, &[2]), (912, &[1])] {
             seen.record(at(tenths), ids.iter().copied());
         }
-        assert_eq!(seen.of(1), [(0.0, 0.4), (1.2, 1.2)]);
-        assert_eq!(seen.of(2), [(0.4, 0.4), (1.0, 1.0)]);
+        let tenths = |seen: &SeenSpans, id| -> Vec<(f64, f64)> {
+            seen.of(id).iter().map(|(first, last)| ((10.0 * first).round(), (10.0 * last).round())).collect()
+        };
+        assert_eq!(tenths(&seen, 1), [(0.0, 4.0), (12.0, 12.0)]);
+        assert_eq!(tenths(&seen, 2), [(4.0, 4.0), (10.0, 10.0)]);
         // A clock that was set back.
         seen.record(at(3), [2]);
-        assert_eq!(seen.of(2), [(0.4, 0.4), (1.0, 1.2)]);
+        seen.record(at(4), [2]);
+        assert_eq!(tenths(&seen, 2), [(4.0, 4.0), (10.0, 13.0)]);
         seen.remap(&[RemappedId { from: 2, into: 1 }]);
-        assert_eq!((seen.of(1), seen.of(2)), (&[(0.0, 0.4), (1.0, 1.2)][..], &[][..]));
+        assert_eq!((tenths(&seen, 1), seen.of(2)), (vec![(0.0, 4.0), (10.0, 13.0)], &[][..]));
     }
 
     #[test]

@@ -188,7 +188,6 @@ class LivePage {
     if (this.#url) URL.revokeObjectURL(this.#url);
     this.#url = url;
     this.#status.setFrame(frame);
-    if (frame.time !== null) this.#showTime(frame.time);
     this.#map?.updatePath();
     this.#map?.showFrame(frame.number);
     this.#lines = frame.lines;
@@ -196,20 +195,12 @@ class LivePage {
     document.documentElement.dataset.frame = String(frame.number);
   }
 
-  /** Moves the end of the timeline. */
-  #showTime(stamp) {
-    const seconds = Math.max(stamp - this.#run.start, 0);
-    // Before the first list of objects, there is no start.
-    if (!Number.isFinite(seconds)) return;
-    this.#clock.reach(seconds);
-    this.#tracks.showFrame(seconds);
-  }
-
   #showObjects(message) {
     this.#run.setObjects(message.objects);
     this.#status.setObjects(this.#run.objects.filter(counts).length);
     const rows = this.#run.rows();
     for (const { seen } of rows) this.#clock.reach(seen.at(-1)?.[1] ?? 0);
+    this.#tracks.showFrame(this.#clock.now);
     this.#tracks.update(rows);
     this.#listObjects();
     if (this.#selected) this.#select(this.#run.byId.has(this.#selected) ? this.#selected : 0);

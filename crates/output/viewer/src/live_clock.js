@@ -3,7 +3,8 @@
 import { Clock } from "./clock.js";
 
 export class LiveClock extends Clock {
-  #now = 0;
+  /** The latest time. */
+  now = 0;
 
   constructor() {
     super(0, null);
@@ -12,11 +13,11 @@ export class LiveClock extends Clock {
 
   /** Makes the axis reach a time. */
   reach(seconds) {
-    this.#now = Math.max(this.#now, seconds);
+    this.now = Math.max(this.now, seconds);
   }
 
   get length() {
-    return Math.max(this.#now, 1);
+    return Math.max(this.now, 1);
   }
 
   secondsOf(seconds) {

@@ -17,8 +17,6 @@ export class LiveRun {
   up = [0, 0, 1];
   map = null;
   changes = null;
-  /** Stamp of the first frame that shows an object, seconds. */
-  start = Infinity;
   objects = [];
   /** For each object that was merged into another one, that one: maps and frames that are under way have the old ids. */
   into = new Map();
@@ -57,9 +55,8 @@ export class LiveRun {
     if (this.#rotations.length > MAX_ROTATIONS) this.#rotations = this.#rotations.filter((_, place) => place % 2 === 0);
   }
 
-  /** `spans` of an object are when it was seen, `[first, last]` stamp. */
+  /** `spans` of an object are when it was seen, `[first, last]`, seconds since the first frame. */
   setObjects(objects) {
-    this.start = Math.min(this.start, ...objects.flatMap(({ spans }) => spans[0]?.[0] ?? []));
     // Frames that the page could go to are not kept. A list may be older than a merge.
     this.objects = objects.filter(({ id }) => !this.into.has(id)).map((object) => ({ ...object, seen: [] }));
     this.byId = new Map(this.objects.map((object) => [object.id, object]));
@@ -67,7 +64,7 @@ export class LiveRun {
 
   /** The objects as rows of a timeline. */
   rows() {
-    return this.objects.map((object) => ({ ...object, seen: object.spans.map((span) => span.map((stamp) => stamp - this.start)) }));
+    return this.objects.map((object) => ({ ...object, seen: object.spans }));
   }
 
   /** Objects were merged into one. */

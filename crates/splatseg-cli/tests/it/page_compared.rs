@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const SCENE: &str = "synthetic:frames=4,width=96,height=72,objects=6";
+const SCENE: &str = "synthetic:frames=18,width=96,height=72,objects=6";
 const FRAME: usize = 2;
 
 fn run(folder: &Path, name: &str, more: &[&str]) -> PathBuf {

@@ -23,7 +23,7 @@ fn two_objects(frame: usize) -> (u32, u32, [f64; 2]) {
     // The middle of the longest run of its pixels in a row.
     let mut best = (0, [0.0; 2]);
     for row in 0..ids.height() {
-        let mut length = 0;
+        let mut length = 0_usize;
         for column in 0..ids.width() {
             length = if ids[(column, row)] == other { length + 1 } else { 0 };
             let middle =

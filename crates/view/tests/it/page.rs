@@ -104,14 +104,16 @@ fn large_frames_are_reduced() {
 fn without_viewers_nothing_is_made() {
     let server = start(ViewLimits::default());
     for index in 0..10_000 {
-        server.publish_frame(Some(&pose_at(f64::from(index), 0.0, 0.0)), || unreachable!("nobody watches"));
+        server.publish_frame(Some(&pose_at(f64::from(index), 0.0, 0.0)), || -> ViewFrame {
+            unreachable!("nobody watches")
+        });
     }
 }
 
 #[test]
 fn a_page_that_comes_later_gets_the_path_and_the_latest_frame() {
     let server = start(ViewLimits::default());
-    server.publish_frame(Some(&pose_at(1.0, 0.0, 0.0)), || unreachable!("nobody watches"));
+    server.publish_frame(Some(&pose_at(1.0, 0.0, 0.0)), || -> ViewFrame { unreachable!("nobody watches") });
     let mut first = watched(&server);
     server.publish_frame(None, || frame(1, 32, 24));
     server.publish_frame(Some(&pose_at(3.0, 0.0, 0.0)), || frame(2, 32, 24));
