@@ -2,6 +2,7 @@
 
 use super::Failure;
 use super::eval_mesh::eval_mesh;
+use super::eval_page::ComparedPage;
 use super::eval_trajectory::eval_trajectory;
 use super::options::{DatasetOptions, ScoreOptions, memory_limit};
 use super::output_folder::OverwritePolicy;
@@ -11,11 +12,10 @@ use serde::Serialize;
 use splatseg::evaluation::{
     EvaluationOptions, Ids, MissingCounts, MissingFrames, RunSummary, ScoredFrame, evaluate_each,
 };
-use splatseg_annotations::Prediction;
 use splatseg_dataset::open_scene;
 use splatseg_files::MemoryLimit;
 use splatseg_metrics::{RawCounts, Scores, VideoScore, Void};
-use splatseg_output::{ComparedIds, Page, write_atomically};
+use splatseg_output::write_atomically;
 use splatseg_report::{FRAME_COLUMNS_EXPLAINED, SIZE_COLUMNS_EXPLAINED, overcount_note, windows_note};
 use splatseg_report::{terminal_frame_table, terminal_size_table, terminal_table};
 use std::num::NonZeroUsize;
@@ -185,7 +185,7 @@ fn eval_video(arguments: &EvalArguments, gt: &Path) -> Result<(), Failure> {
     let ids = if arguments.no_ids { Ids::PerFrame } else { Ids::Lasting };
     arguments.memory_limit()?.enforce();
     let run = RunSummary::of(&arguments.pred).map_err(Failure::input)?;
-    let page = page_folder(arguments, run.as_ref())?;
+    let mut page = arguments.page.then(|| ComparedPage::open(&arguments.pred, run.is_some())).transpose()?;
     let other = RunSummary::of(gt).map_err(Failure::input)?;
     let scene = other.as_ref().map_or(gt, |other| other.scene.as_path());
     if let (Some(run), false) = (&run, arguments.allow_other_scene) {
@@ -196,49 +196,17 @@ fn eval_video(arguments: &EvalArguments, gt: &Path) -> Result<(), Failure> {
     let (video, min_score) = (arguments.video.clone(), arguments.min_score);
     let truth = other.is_some().then(|| gt.to_owned());
     let options = EvaluationOptions { score: settings, missing, ids, video, min_score, truth };
-    let mut compared = ComparedIds::default();
-    let mut add = |frame: &ScoredFrame<'_>| {
-        if let (Some(file), Prediction::Map(own)) = (frame.image.and_then(Path::file_stem), frame.prediction) {
-            compared.add(&file.to_string_lossy(), own, frame.truth);
-        }
-    };
-    let mut ignore = |_: &ScoredFrame<'_>| {};
-    let each: &mut dyn FnMut(&ScoredFrame<'_>) = if page.is_some() { &mut add } else { &mut ignore };
-    let found = evaluate_each(scene.as_ref(), &dataset, &arguments.pred, &options, each).map_err(Failure::input)?;
-    if let Some(folder) = page {
+    let mut each = |frame: &ScoredFrame<'_>| page.iter_mut().for_each(|page| page.add(frame));
+    let found =
+        evaluate_each(scene.as_ref(), &dataset, &arguments.pred, &options, &mut each).map_err(Failure::input)?;
+    if let Some(page) = page {
         let name = if other.is_some() { gt.display().to_string() } else { "ground truth".to_owned() };
-        let figure = format!("{} · {}", compared.figure(), quality(&found.score));
-        compared.write(&folder, &name, &figure).map_err(Failure::runtime)?;
-        inform!("{}: shows {name}: {figure}", folder.join(Page::FILE).display());
+        page.write(&name, &found.score)?;
     }
     if arguments.prints_tables() {
         print_scores(gt, &found.score, &found.missing);
     }
     write_json(arguments, gt, &found.score, found.missing)
-}
-
-/// The folder with the page that `--page` changes.
-fn page_folder(arguments: &EvalArguments, run: Option<&RunSummary>) -> Result<Option<PathBuf>, Failure> {
-    if !arguments.page {
-        return Ok(None);
-    }
-    let pred = &arguments.pred;
-    let folder = match pred.parent() {
-        Some(parent) if pred.file_name().is_some_and(|name| name == "segments") => parent,
-        _ => pred,
-    };
-    if run.is_some() && folder.join(Page::FILE).is_file() {
-        return Ok(Some(folder.to_owned()));
-    }
-    Err(Failure::input(format!("{}: --page: found no page, expected the folder of a run with one", pred.display())))
-}
-
-/// The scores that the page shows.
-fn quality(score: &VideoScore) -> String {
-    let scores = score.scores();
-    let named = [("VSQ", scores.vsq), ("AQ", scores.aq)];
-    let texts = named.into_iter().filter_map(|(name, value)| Some(format!("{name} {:.1} %", value?)));
-    texts.collect::<Vec<_>>().join(", ")
 }
 
 fn print_scores(gt: &Path, score: &VideoScore, counts: &MissingCounts) {

@@ -8,7 +8,7 @@
 //! The page loads the first one, which it does not if nothing is compared.
 
 use super::{HTML, Page, RUN_SCRIPTS, STYLE, VIEWER_SCRIPT, ids, json};
-use crate::{OutputError, write_atomically};
+use crate::{OutputError, ResultFolder};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::{Deserialize, Serialize};
@@ -118,11 +118,11 @@ impl ComparedIds {
     ///
     /// # Errors
     /// If the folder has no page with data of this form, or a file cannot be written.
-    pub fn write(&self, folder: &Path, name: &str, figure: &str) -> Result<(), OutputError> {
-        let page = page_frames(&folder.join("viewer/run.js"))?;
+    pub fn write(&self, folder: &mut dyn ResultFolder, name: &str, figure: &str) -> Result<(), OutputError> {
+        let page = page_frames(&folder.path_of("viewer/run.js"))?;
         let mut pairs: Vec<_> = self.pairs().into_iter().map(|(own, other)| (other, own)).collect();
         pairs.sort_unstable_by_key(|(other, own)| (Reverse(self.other.get(other)), *own));
-        let write = |file: &str, text: String| write_atomically(&folder.join(file), text.as_bytes());
+        let mut write = |file: &str, text: String| folder.write(file, text.as_bytes());
         for (number, frames) in page.frames.chunks(page.frames_per_chunk.max(1)).enumerate() {
             let file = format!("viewer/compared-{number:03}.js");
             let chunk: Vec<Option<&EncodedIds>> = frames.iter().map(|frame| self.frames.get(frame)).collect();

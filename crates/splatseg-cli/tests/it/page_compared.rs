@@ -134,6 +134,9 @@ fn two_runs_of_a_scene_are_compared() {
     let found = comparison(&out);
     assert_eq!(found["name"], other.display().to_string());
     assert!(!found["figure"].as_str().unwrap().contains("VSQ 100.0"), "{found}");
+    // The files are the run's: a later one may replace them.
+    run(folder.path(), "out", &["--overwrite"]);
+    assert!(!out.join("viewer/compared.js").exists() && !out.join("viewer/compared-000.js").exists());
     // What is no page is refused.
     let ended = finish(splatseg().arg("eval").arg("--pred").arg(out.join("segments")).args(["--gt", SCENE, "--page"]));
     assert_eq!(ended.code, 0, "{}", ended.err);
