@@ -32,7 +32,8 @@ pub struct NameArguments {
     /// objects 7 and 12 one, which keeps the lower id
     #[arg(value_name = "ID=LABEL")]
     pub given: Vec<String>,
-    /// File of labels by hand: a line for each object or room, with id and label and a comma between
+    /// File of labels by hand: a line for each object or room, with id and label and a comma between, or `merge:12,7`; the
+    /// page of a run saves one
     #[arg(long, value_name = "FILE.csv")]
     pub labels: Option<PathBuf>,
     /// Network for images and words: a .safetensors of CLIP or Perception Encoder

@@ -53,6 +53,14 @@ export class Edits {
     return this.#steps.length ? JSON.stringify(this.#steps) : null;
   }
 
+  /** The changes as lines of `splatseg name --labels`: `id,label`, and `merge:12,7` for an object that is part of another one. */
+  get lines() {
+    const texts = this.#steps.flatMap(([kind, id, ...rest]) =>
+      kind === "merge" ? rest.map((other) => `merge:${other},${id}`) : [`${id},"${rest[0].replaceAll('"', '""')}"`],
+    );
+    return ["id,label", ...texts, ""].join("\n");
+  }
+
   /** Takes the changes of a link. Returns false, and nothing is changed, if the text has none. */
   read(text) {
     const steps = this.#checked(text);

@@ -229,7 +229,7 @@ export function showRun(run) {
   }
 
   // For the browser's console: `splatsegPage.select(7)`.
-  window.splatsegPage = { run, map, plan, show, select, changes, clock };
+  window.splatsegPage = { run, edits, map, plan, show, select, changes, clock };
   describe(run);
   const controls = listenToControls(() => map, showTime, () => link.change());
   listenToKeys({
@@ -251,7 +251,7 @@ export function showRun(run) {
     change(() => edits.rename(id, label));
     labels.say("saved");
   });
-  listenToDownloads(run, () => map);
+  listenToDownloads(run, () => map, edits);
   window.addEventListener("hashchange", follow);
   follow();
 }

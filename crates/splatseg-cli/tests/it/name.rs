@@ -68,7 +68,10 @@ fn merged_by_hand(map: &Path, ids: &[u32]) {
     }
     let ended = name(map, &["merge:99999=1"]);
     assert!(ended.code == 2 && ended.err.contains("found no object 99999"), "{}", ended.err);
-    let ended = name(map, &[&format!("merge:{from}={into}")]);
+    // From a file, as the page saves it.
+    let changes = map.with_extension("csv");
+    fs::write(&changes, format!("id,label\nmerge:{from},{into}\n")).unwrap();
+    let ended = name(map, &["--labels", changes.to_str().unwrap()]);
     assert!(
         ended.code == 0 && ended.out.contains(&format!("{into} arm chair (by hand)")),
         "{}{}",

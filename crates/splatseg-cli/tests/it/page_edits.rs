@@ -76,6 +76,9 @@ fn objects_are_merged_by_hand_in_all_views_and_it_is_kept_and_taken_back() {
     browser.wait_for(&format!("{title} === 'Object {one}: mug'"));
     assert_eq!(browser.value("document.getElementById('stage').classList.contains('measuring')"), false);
 
+    // As `splatseg name --labels` reads it.
+    assert_eq!(browser.value("splatsegPage.edits.lines"), format!("id,label\nmerge:{other},{one}\n{one},\"mug\"\n"));
+
     // The browser keeps it, and so does the link.
     browser.wait_for("location.hash.includes('mug')");
     let link = browser.value("location.hash");
