@@ -16,7 +16,7 @@ const FIELD_OF_VIEW_DEGREES = 50;
 const CLICK_PIXELS = 4;
 const CAMERA_COLOR = 0xf25c05;
 /** The view is widened once the map has grown or moved by this part of its radius, so that it does not move all the time. */
-const REFIT_GROWTH = 0.1;
+const REFIT_GROWTH = 0.04;
 
 export class MapView {
   #run;

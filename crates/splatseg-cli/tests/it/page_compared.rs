@@ -101,7 +101,8 @@ fn the_page_shows_ground_truth_in_the_colours_of_the_run_and_beside_it() {
     browser.press("Escape");
     browser.press("x");
     browser.wait_for("!document.getElementById('divider').hidden");
-    let own = read_segments_png(&out.join(format!("segments/{FRAME:06}.png"))).unwrap();
+    let name = browser.value(&format!("splatsegRun.frames[{FRAME}]"));
+    let own = read_segments_png(&out.join("segments").join(format!("{}.png", name.as_str().unwrap()))).unwrap();
     for (ids, at_left) in [(&own, true), (&truth, false)] {
         for (id, (across, down)) in
             places(ids).into_iter().filter(|(_, (across, _))| (*across < 0.48) == at_left && *across != 0.5)
