@@ -184,8 +184,7 @@ def watch(arguments):
             compare_grid(grids[-1], arguments.grid)
     if latest and arguments.objects:
         listed = json.loads(arguments.objects.read_text())
-        # The topic has tentative objects, too.
-        compare(latest, listed["objects"] + listed["not_counted"])
+        compare(latest, listed["objects"])
 
 
 def compare(message, objects):

@@ -168,6 +168,7 @@ fuzz_target!(|file: File| {
         ids,
         video: None,
         min_score: 0.0,
+        truth: None,
     };
     Place::with_input(&PLACE, template, &input, |folder| {
         SCENE.with(|scene| {

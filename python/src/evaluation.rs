@@ -43,6 +43,7 @@ pub fn evaluate(
         ids: if ids { Ids::Lasting } else { Ids::PerFrame },
         video: None,
         min_score: 0.0,
+        truth: None,
     };
     // The scene is read with the run's settings, except those given here.
     let run = RunSummary::of(&predictions).map_err(value_error)?;

@@ -110,6 +110,14 @@ impl Predictions {
         }
     }
 
+    /// The id image of a frame; `None` if there is none, or predictions are no folder of images.
+    pub fn image_of(&self, name: &str) -> Option<PathBuf> {
+        match self {
+            Self::Images { folder, names } => Some(folder.join(format!("{}.png", names.get(name)?))),
+            Self::Masks { .. } | Self::Panoptic { .. } => None,
+        }
+    }
+
     /// Names of the frames with predictions.
     pub fn names(&self) -> Box<dyn Iterator<Item = &str> + '_> {
         match self {

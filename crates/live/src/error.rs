@@ -1,6 +1,6 @@
 //! Errors of a live session.
 
-use splatseg::pipeline::PipelineError;
+use splatseg::pipeline::{MergeObjectsError, PipelineError};
 use splatseg_memory::SplatFileError;
 use std::io;
 use std::path::PathBuf;
@@ -38,6 +38,9 @@ pub enum LiveError {
     /// An object cannot be given a label.
     #[error("{0}")]
     Name(String),
+    /// Objects cannot be merged.
+    #[error(transparent)]
+    Merge(#[from] MergeObjectsError),
     /// There is no file for the map.
     #[error("no file for the map is set")]
     NoFile,

@@ -14,7 +14,7 @@ use std::time::Duration;
 /// A kind of message that a session publishes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Output {
-    /// All objects of the map, with lasting ids and boxes.
+    /// The objects of the map that [count](splatseg_objects::Object::counts), with lasting ids and boxes.
     Objects,
     /// The same, as markers for RViz.
     Markers,

@@ -22,6 +22,8 @@ pub enum LiveRequest {
     Reset,
     /// Give an object the label of a person, or take its label away.
     Name(SegmentId, Option<String>),
+    /// Make objects of the map one: see [`Pipeline::merge_objects`](splatseg::Pipeline::merge_objects).
+    Merge(Vec<SegmentId>),
     /// Pause (`true`) or go on.
     Pause(bool),
 }

@@ -71,7 +71,7 @@ impl Results {
         }
     }
 
-    /// Publishes all objects, with the stamp of the latest frame.
+    /// Publishes the objects that count ([`Object::counts`]), with the stamp of the latest frame.
     pub(crate) fn publish_objects(
         &mut self,
         pipeline: &Pipeline,
@@ -85,12 +85,12 @@ impl Results {
         let list = objects(pipeline, seen, places);
         outlet.show_objects(&list);
         if outlet.wants(Output::Objects) {
-            send(outlet, Output::Objects, to_cdr(&self.detections(stamp, list.all())));
+            send(outlet, Output::Objects, to_cdr(&self.detections(stamp, list.objects.iter())));
         }
         if outlet.wants(Output::Markers) {
             let nanoseconds = time(stamp).nanoseconds();
             let shown: Vec<ShownObject> =
-                list.all().filter_map(|object| ShownObject::new(nanoseconds, object)).collect();
+                list.objects.iter().filter_map(|object| ShownObject::new(nanoseconds, object)).collect();
             let ids: BTreeSet<SegmentId> = shown.iter().map(|object| object.id).collect();
             let mut message = markers(&shown, &self.marked.difference(&ids).copied().collect::<Vec<_>>());
             let header = header(stamp, self.world());

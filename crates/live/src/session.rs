@@ -9,7 +9,7 @@ use crate::words::LiveWords;
 use crate::{
     LiveError, LiveFrame, LiveRequest, LiveStatus, LiveStream, Outlet, Output, Requests, SaveStatus, SavedMap,
 };
-use splatseg::pipeline::{FrameResult, LateFrame, LoadedNetworks, PipelineError, WaitingFrames};
+use splatseg::pipeline::{FrameResult, LateFrame, LoadedNetworks, MergeObjectsError, PipelineError, WaitingFrames};
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{StreamedFrame, UndecodedFrame};
 use splatseg_geometry::{CameraFrame, Image, Intrinsics, SegmentId};
@@ -102,7 +102,7 @@ pub struct LiveSession {
     waiting: WaitingFrames<PublishedFrame>,
     /// When the latest frame came.
     latest_frame: Instant,
-    /// Objects have other names than in the saved map.
+    /// Objects have other names, or are merged, unlike in the saved map.
     has_new_names: bool,
     status: LiveStatus,
     times: LatestTimes,
@@ -492,6 +492,10 @@ impl LiveSession {
                 self.name_by_hand(id, label.as_deref()).map_err(LiveError::Name)?;
                 Ok(format!("object {id} is {}", label.as_deref().unwrap_or("without a label")))
             }
+            LiveRequest::Merge(ids) => {
+                let into = self.merge_objects(&ids)?;
+                Ok(format!("{} objects are {into}", ids.len()))
+            }
             LiveRequest::Pause(is_paused) => {
                 self.status.is_paused = is_paused;
                 Ok(if is_paused { "paused" } else { "running" }.to_owned())
@@ -540,6 +544,18 @@ impl LiveSession {
         self.has_new_names = true;
         self.publish_objects();
         Ok(())
+    }
+
+    /// Makes objects of the map one, as a person says, and returns its id. It is shown and saved, and cannot be taken back.
+    ///
+    /// # Errors
+    /// [`MergeObjectsError`]; then nothing has changed.
+    pub fn merge_objects(&mut self, ids: &[SegmentId]) -> Result<SegmentId, MergeObjectsError> {
+        let remapped = self.pipeline.merge_objects(ids)?;
+        self.seen.remap(&remapped);
+        self.has_new_names = true;
+        self.publish_objects();
+        Ok(remapped.first().map_or(0, |ids| ids.into))
     }
 
     /// Returns the chosen objects, as in the messages of [`Output::Objects`].

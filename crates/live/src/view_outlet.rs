@@ -1,7 +1,7 @@
 //! A session in the browser and in Foxglove.
 
 use crate::{LiveFrame, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, Requests};
-use splatseg_geometry::Image as Pixels;
+use splatseg_geometry::{Image as Pixels, SegmentId};
 use splatseg_objects::ObjectList;
 use splatseg_odometry::PoseState;
 use splatseg_ros::{
@@ -9,9 +9,10 @@ use splatseg_ros::{
     TfMessage,
 };
 use splatseg_view::{
-    Channel, ChannelId, ViewAnswer, ViewError, ViewFrame, ViewObject, ViewOptions, ViewRequest, ViewServer, ViewStatus,
+    Channel, ChannelId, SeenSpans, ViewAnswer, ViewError, ViewFrame, ViewObject, ViewOptions, ViewRequest, ViewServer,
+    ViewStatus,
 };
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -26,6 +27,7 @@ pub struct ViewOutlet {
     server: ViewServer,
     channels: BTreeMap<Output, ChannelId>,
     objects: Vec<ViewObject>,
+    seen: SeenSpans,
     /// Time of the latest frame.
     stamp: Option<Duration>,
 }
@@ -38,7 +40,7 @@ impl ViewOutlet {
     pub fn start(options: ViewOptions) -> Result<Self, ViewError> {
         let server = ViewServer::start(options)?;
         let channels = Output::ALL.map(|output| (output, server.add_channel(channel(output)))).into();
-        Ok(Self { server, channels, objects: Vec::new(), stamp: None })
+        Ok(Self { server, channels, objects: Vec::new(), seen: SeenSpans::default(), stamp: None })
     }
 
     /// The server, e.g. for its links.
@@ -90,9 +92,12 @@ impl Outlet for ViewOutlet {
 
     fn show_frame(&mut self, frame: &LiveFrame<'_>) {
         self.stamp = Some(frame.stamp);
+        self.seen.remap(&frame.result.remapped);
+        self.seen.record(frame.stamp, frame.result.objects.iter().map(|object| object.id));
         let pose = &frame.result.pose;
         let known = (pose.state != PoseState::Lost).then_some(&pose.world_from_camera);
-        self.server.publish_frame(known, || view_frame(frame, &self.objects));
+        // The first viewer may have come after the image was read; the next frame has it.
+        self.server.publish_frame(known, || Some(view_frame(frame, frame.color?, &self.objects)));
         if let Some(map) = frame.pipeline.map() {
             self.server.publish_map(&map);
         }
@@ -104,8 +109,12 @@ impl Outlet for ViewOutlet {
             label: object.label.clone(),
             oriented_box: object.shape.as_ref().map(|shape| shape.oriented_box),
             frames: object.frames,
+            state: object.state,
+            seen: self.seen.of(object.id).to_vec(),
         });
         self.objects = shown.collect();
+        let ids: BTreeSet<SegmentId> = self.objects.iter().map(|object| object.id).collect();
+        self.seen.keep_only(|id| ids.contains(&id));
     }
 }
 
@@ -118,22 +127,21 @@ fn answer(requests: &Requests, request: ViewRequest) -> Result<ViewAnswer, Strin
             Ok(ViewAnswer::Found(found.into_iter().map(|found| (found.id, found.score)).collect()))
         }
         ViewRequest::Name(id, label) => {
-            requests.send(LiveRequest::Name(id, label), ANSWER_TIME).map(|_| ViewAnswer::Named)
+            requests.send(LiveRequest::Name(id, label), ANSWER_TIME).map(|_| ViewAnswer::Done)
         }
+        ViewRequest::Merge(ids) => requests.send(LiveRequest::Merge(ids), ANSWER_TIME).map(|_| ViewAnswer::Done),
     }
 }
 
-fn view_frame(frame: &LiveFrame<'_>, objects: &[ViewObject]) -> ViewFrame {
+fn view_frame(frame: &LiveFrame<'_>, color: &Pixels<[u8; 3]>, objects: &[ViewObject]) -> ViewFrame {
     let segments = &frame.result.output.segments;
-    let (width, height) = segments.size();
     let lost = (frame.result.pose.state == PoseState::Lost)
         .then(|| "The camera's pose is lost: turn it to a place that it has seen.".to_owned());
     ViewFrame {
         number: frame.number,
         name: frame.name.to_owned(),
         timestamp: Some(frame.stamp),
-        // The first viewer may have come after the image was read; the next frame has it.
-        color: frame.color.cloned().unwrap_or_else(|| Pixels::from_fn(width, height, |_, _| [0; 3])),
+        color: color.clone(),
         segments: segments.clone(),
         intrinsics: frame.intrinsics,
         objects: objects.to_vec(),

@@ -389,6 +389,19 @@ impl SplatMemory {
         &self.remapped
     }
 
+    /// True if [`Self::merge_objects`] can be used: the store's ids can change.
+    pub fn can_merge_objects(&self) -> bool {
+        self.store.can_remap()
+    }
+
+    /// Makes the first of each of these ids' objects part of the second's, as a person says. Does nothing if
+    /// [`Self::can_merge_objects`] is false.
+    pub fn merge_objects(&mut self, remapped: &[RemappedId]) {
+        if self.can_merge_objects() {
+            self.remap(remapped);
+        }
+    }
+
     pub(crate) fn remap(&mut self, remapped: &[RemappedId]) {
         if remapped.is_empty() {
             return;

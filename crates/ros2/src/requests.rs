@@ -68,7 +68,7 @@ fn done(result: Result<String, String>) -> SuccessResponse {
 
 fn list(requests: &Requests) -> Answer {
     let requests = requests.clone();
-    Box::new(move |_| to_cdr(&objects(&requests, |_| |_: &Object| true)))
+    Box::new(move |_| to_cdr(&objects(&requests, |_| Object::counts)))
 }
 
 fn get(requests: &Requests) -> Answer {

@@ -170,7 +170,7 @@ fn expected() -> (Detection3dArray, Vec<i8>) {
     stream.end();
     session.run(&mut || false).unwrap();
     let plan = session.pipeline_mut().floor_plan(Default::default()).unwrap();
-    (session.detections(|_| true), plan.grid().ros_values())
+    (session.detections(splatseg_objects::Object::counts), plan.grid().ros_values())
 }
 
 #[test]

@@ -2,13 +2,16 @@
 
 use super::Failure;
 use super::eval_mesh::eval_mesh;
+use super::eval_page::ComparedPage;
 use super::eval_trajectory::eval_trajectory;
 use super::options::{DatasetOptions, ScoreOptions, memory_limit};
 use super::output_folder::OverwritePolicy;
 use super::terminal::counted;
 use clap::Args;
 use serde::Serialize;
-use splatseg::evaluation::{EvaluationOptions, Ids, MissingCounts, MissingFrames, RunSummary, evaluate};
+use splatseg::evaluation::{
+    EvaluationOptions, Ids, MissingCounts, MissingFrames, RunSummary, ScoredFrame, evaluate_each,
+};
 use splatseg_dataset::open_scene;
 use splatseg_files::MemoryLimit;
 use splatseg_metrics::{RawCounts, Scores, VideoScore, Void};
@@ -35,7 +38,8 @@ const HELP: &str = "Predictions are one of\n\
       or not. Masks may overlap. List frames without any mask under the key `frames` (or `images`).\n\n\
     Examples:\n  \
     splatseg eval --pred out --json | jq .vsq\n  \
-    splatseg eval --gt scene0011_00 --pred out\n  \
+    splatseg eval --gt scene0011_00 --pred out --page\n  \
+    splatseg eval --gt other_out --pred out --page\n  \
     splatseg eval --gt scene0011_00 --stride 20 --resize 320x240 --pred tracks.json --json scores.json\n  \
     splatseg eval --gt MVPd/test:VIDEO --preset mvpd --min-truth-area 0.001 --pred results.json --video 17\n  \
     splatseg eval --mesh scene0011_00_vh_clean_2.ply --instances scene0011_00.txt --void-labels 1,2 --pred map.ply\n  \
@@ -45,7 +49,8 @@ const HELP: &str = "Predictions are one of\n\
 #[derive(Debug, Args)]
 #[command(after_long_help = format!("{HELP}\n\nTable by size: {SIZE_COLUMNS_EXPLAINED}\n\nSingle frames: {FRAME_COLUMNS_EXPLAINED}"))]
 pub struct EvalArguments {
-    /// Scene with ground truth; by default that of the run in --pred
+    /// Scene with ground truth; by default that of the run in --pred. Or the folder of another run of the same scene, whose
+    /// ids are then the truth: how far two runs agree
     #[arg(long, value_name = "SCENE", conflicts_with = "mesh")]
     pub gt: Option<PathBuf>,
     /// Predictions, see below; with --mesh a memory saved by `run --save-memory`; with --trajectory the folder of a run or
@@ -75,6 +80,10 @@ pub struct EvalArguments {
     pub rpe_frames: NonZeroUsize,
     #[command(flatten)]
     pub score: ScoreOptions,
+    /// Show the true ids on the page of the run in --pred: in the place of its own ones or beside them, with the same colour
+    /// for the same object
+    #[arg(long, conflicts_with_all = ["mesh", "trajectory", "no_ids"])]
+    pub page: bool,
     /// Print the scores as JSON instead of tables; with a FILE, write them there and print the tables
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = TO_OUTPUT)]
     pub json: Option<PathBuf>,
@@ -176,14 +185,24 @@ fn eval_video(arguments: &EvalArguments, gt: &Path) -> Result<(), Failure> {
     let ids = if arguments.no_ids { Ids::PerFrame } else { Ids::Lasting };
     arguments.memory_limit()?.enforce();
     let run = RunSummary::of(&arguments.pred).map_err(Failure::input)?;
+    let mut page = arguments.page.then(|| ComparedPage::open(&arguments.pred, run.is_some())).transpose()?;
+    let other = RunSummary::of(gt).map_err(Failure::input)?;
+    let scene = other.as_ref().map_or(gt, |other| other.scene.as_path());
     if let (Some(run), false) = (&run, arguments.allow_other_scene) {
-        run.check_scene(gt).map_err(Failure::input)?;
+        run.check_scene(scene).map_err(Failure::input)?;
     }
     let dataset = arguments.dataset.over(&run.map(|run| run.dataset).unwrap_or_default())?;
-    let scene = open_scene(gt, &dataset).map_err(Failure::input)?;
+    let scene = open_scene(scene, &dataset).map_err(Failure::input)?;
     let (video, min_score) = (arguments.video.clone(), arguments.min_score);
-    let options = EvaluationOptions { score: settings, missing, ids, video, min_score };
-    let found = evaluate(scene.as_ref(), &dataset, &arguments.pred, &options).map_err(Failure::input)?;
+    let truth = other.is_some().then(|| gt.to_owned());
+    let options = EvaluationOptions { score: settings, missing, ids, video, min_score, truth };
+    let mut each = |frame: &ScoredFrame<'_>| page.iter_mut().for_each(|page| page.add(frame));
+    let found =
+        evaluate_each(scene.as_ref(), &dataset, &arguments.pred, &options, &mut each).map_err(Failure::input)?;
+    if let Some(page) = page {
+        let name = if other.is_some() { gt.display().to_string() } else { "ground truth".to_owned() };
+        page.write(&name, &found.score)?;
+    }
     if arguments.prints_tables() {
         print_scores(gt, &found.score, &found.missing);
     }

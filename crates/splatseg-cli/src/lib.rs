@@ -14,6 +14,7 @@ mod demo;
 mod devices;
 mod eval;
 mod eval_mesh;
+mod eval_page;
 mod eval_trajectory;
 mod export;
 mod export_mesh;

@@ -20,6 +20,7 @@ const MAX_LABELS_BYTES: u64 = 1 << 20;
     splatseg name map.ply                                    # lists the objects and their names\n  \
     splatseg name map.ply 15=mug 7=\"office chair\" 9=          # by hand; `9=` takes a label away\n  \
     splatseg name map.ply room:2=kitchen room:1=             # rooms, with the numbers of the list\n  \
+    splatseg name map.ply merge:12=7                         # objects 7 and 12 are one: 7\n  \
     splatseg name map.ply --labels names.csv                 # lines of id,label\n  \
     splatseg name map.ply --names pe-core-s16.safetensors    # from the pictures in the map\n\n\
     The map is changed in place, unless --out names another file. No network replaces a label given by hand:\n\
@@ -27,10 +28,12 @@ const MAX_LABELS_BYTES: u64 = 1 << 20;
 pub struct NameArguments {
     /// The map: a memory saved by `run --save-memory`, `live --map` or a program
     pub map: PathBuf,
-    /// Labels by hand: the id of an object, or `room:` and the number of a room, `=`, and its label
+    /// Labels by hand: the id of an object, or `room:` and the number of a room, `=`, and its label. `merge:12=7` makes
+    /// objects 7 and 12 one, which keeps the lower id
     #[arg(value_name = "ID=LABEL")]
     pub given: Vec<String>,
-    /// File of labels by hand: a line for each object or room, with id and label and a comma between
+    /// File of labels by hand: a line for each object or room, with id and label and a comma between, or `merge:12,7`; the
+    /// page of a run saves one
     #[arg(long, value_name = "FILE.csv")]
     pub labels: Option<PathBuf>,
     /// Network for images and words: a .safetensors of CLIP or Perception Encoder
@@ -69,8 +72,8 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
     let mut map = NamedMap::load(path).map_err(Failure::input)?;
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
     let ids = map.memory.map().carried_ids();
-    let unknown = |target: &Target| matches!(target, Target::Object(id) if !ids.contains(id));
-    if let Some((Target::Object(id), _)) = labels.iter().find(|(target, _)| unknown(target)) {
+    let unknown = |target: &Target| matches!(target, Target::Object(id) | Target::Merge(id) if !ids.contains(id));
+    if let Some((Target::Object(id) | Target::Merge(id), _)) = labels.iter().find(|(target, _)| unknown(target)) {
         return Err(wrong(format!("found no object {id}, expected one of {}", listed(&ids))));
     }
     if let Some(network) = &arguments.names {
@@ -81,29 +84,13 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
             return Err(wrong("its keyframes show no object in colour, so the network has nothing to see".to_owned()));
         }
     }
-    let mut plan = None;
-    for (target, label) in &labels {
-        match target {
-            Target::Object(id) => {
-                let named = map.names.set_by_hand(*id, label.as_deref());
-                named.map_err(|error| wrong(format!("object {id}: {error}")))?;
-            }
-            Target::Room(number) => {
-                if plan.is_none() {
-                    plan = Some(floor_plan(&map).map_err(wrong)?);
-                }
-                if let Some(plan) = &mut plan {
-                    map.name_room(plan, *number, label.as_deref()).map_err(|error| wrong(error.to_string()))?;
-                }
-            }
-        }
-    }
+    let plan = apply(&mut map, &labels).map_err(wrong)?;
     if arguments.names.is_some() || !labels.is_empty() {
         let out = arguments.out.as_ref().unwrap_or(path);
         map.save(out).map_err(Failure::runtime)?;
         inform!("{}: {} with a label", out.display(), counted(map.names.labels().count(), "object"));
     }
-    list(&map, &ids);
+    list(&map, &map.memory.map().carried_ids());
     match plan {
         Some(mut plan) => {
             // Labels that were given after it may tell what a room is.
@@ -117,11 +104,47 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Changes a map as the labels say. Returns the plan of its rooms if that was needed.
+fn apply(map: &mut NamedMap, labels: &[(Target, Option<String>)]) -> Result<Option<FloorPlan>, String> {
+    let mut plan = None;
+    for (target, label) in labels {
+        let label = label.as_deref();
+        match target {
+            Target::Object(id) => {
+                map.names.set_by_hand(*id, label).map_err(|error| format!("object {id}: {error}"))?;
+            }
+            Target::Merge(id) => {
+                let other = merged_with(*id, label)?;
+                map.merge_objects(&[*id, other]).map_err(|error| format!("merge:{id}: {error}"))?;
+            }
+            Target::Room(number) => {
+                if plan.is_none() {
+                    plan = Some(floor_plan(map)?);
+                }
+                if let Some(plan) = &mut plan {
+                    map.name_room(plan, *number, label).map_err(|error| error.to_string())?;
+                }
+            }
+        }
+    }
+    Ok(plan)
+}
+
 /// What a label is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Target {
     Object(SegmentId),
     Room(u32),
+    /// The object becomes one with that whose id is in the place of a label.
+    Merge(SegmentId),
+}
+
+/// The id in the place of a label.
+fn merged_with(id: SegmentId, label: Option<&str>) -> Result<SegmentId, String> {
+    let label = label.unwrap_or_default();
+    label
+        .parse()
+        .map_err(|_| format!("merge:{id}: found {label:?}, expected the id of another object, e.g. merge:{id}=7"))
 }
 
 fn floor_plan(map: &NamedMap) -> Result<FloorPlan, String> {
@@ -185,9 +208,10 @@ fn label(text: &str, between: char) -> Result<(Target, Option<String>), String> 
     };
     let (id, label) = text.split_once(between).ok_or_else(wrong)?;
     let id = id.trim().trim_matches('"');
-    let target = match id.strip_prefix("room:") {
-        Some(number) => number.parse().map(Target::Room),
-        None => id.parse().map(Target::Object),
+    let target = match id.split_once(':') {
+        Some(("room", number)) => number.parse().map(Target::Room),
+        Some(("merge", id)) => id.parse().map(Target::Merge),
+        _ => id.parse().map(Target::Object),
     };
     let label = label.trim();
     let label = label.strip_prefix('"').and_then(|label| label.strip_suffix('"')).unwrap_or(label);

@@ -27,7 +27,7 @@ impl Seen {
     fn add(&mut self, segments: &SegmentMap) {
         for id in segments.areas().into_keys().filter(|id| *id != 0) {
             let label = Some(format!("thing {id}"));
-            let new = ViewObject { id, label, oriented_box: None, frames: 0 };
+            let new = ViewObject { id, label, oriented_box: None, frames: 0, state: None, seen: Vec::new() };
             self.objects.entry(id).or_insert(new).frames += 1;
         }
     }

@@ -1,4 +1,4 @@
-//! What a viewer of the page may ask of the program: to find objects by words, and to give them labels.
+//! What a viewer of the page may ask of the program: to find objects by words, to give them labels, and to merge them.
 
 use serde_json::{Value, json};
 use splatseg_geometry::SegmentId;
@@ -7,6 +7,8 @@ use tungstenite::Message;
 
 /// Maximum length of a text, bytes.
 const MAX_TEXT: usize = 300;
+/// Maximum number of objects to merge at once.
+const MAX_MERGED: usize = 1000;
 
 /// What a viewer asks.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -15,6 +17,8 @@ pub enum ViewRequest {
     Find(String),
     /// Give an object a label, or take its label away.
     Name(SegmentId, Option<String>),
+    /// Make these objects one.
+    Merge(Vec<SegmentId>),
 }
 
 /// The answer to a [`ViewRequest`].
@@ -22,8 +26,8 @@ pub enum ViewRequest {
 pub enum ViewAnswer {
     /// The objects that fit a text, best first, each with its score, 0 to 1.
     Found(Vec<(SegmentId, f32)>),
-    /// The object has its label.
-    Named,
+    /// What was asked is done.
+    Done,
 }
 
 /// Answers viewers, on their threads; an error is a sentence. See
@@ -32,15 +36,17 @@ pub type AnswerViewer = Arc<dyn Fn(ViewRequest) -> Result<ViewAnswer, String> + 
 
 impl ViewRequest {
     /// The request in a text of the page: `{"ask": "find", "text": "red mug"}` or `{"ask": "name", "id": 15, "label":
-    /// "mug"}`. `None` if it is none.
+    /// "mug"}` or `{"ask": "merge", "ids": [15, 7]}`. `None` if it is none.
     pub(crate) fn parse(text: &str) -> Option<Self> {
         let value: Value = serde_json::from_str(text).ok()?;
         let short = |key: &str| Some(value.get(key)?.as_str()?.trim().to_owned()).filter(|text| text.len() <= MAX_TEXT);
+        let id = |value: &Value| SegmentId::try_from(value.as_u64()?).ok().filter(|id| *id > 0);
         match value.get("ask")?.as_str()? {
             "find" => Some(Self::Find(short("text")?)),
-            "name" => {
-                let id = SegmentId::try_from(value.get("id")?.as_u64()?).ok().filter(|id| *id > 0)?;
-                Some(Self::Name(id, Some(short("label")?).filter(|label| !label.is_empty())))
+            "name" => Some(Self::Name(id(value.get("id")?)?, Some(short("label")?).filter(|label| !label.is_empty()))),
+            "merge" => {
+                let ids = value.get("ids")?.as_array().filter(|ids| (2..=MAX_MERGED).contains(&ids.len()))?;
+                Some(Self::Merge(ids.iter().map(id).collect::<Option<_>>()?))
             }
             _ => None,
         }
@@ -57,6 +63,9 @@ impl ViewRequest {
         let message = match self {
             Self::Find(text) => json!({ "kind": "found", "text": text, "objects": found, "error": error }),
             Self::Name(id, label) => json!({ "kind": "named", "id": id, "label": label, "error": error }),
+            Self::Merge(ids) => {
+                json!({ "kind": "merged", "ids": ids, "into": ids.iter().min(), "error": error })
+            }
         };
         Message::text(message.to_string())
     }
@@ -76,7 +85,11 @@ mod tests {
         let long = format!(r#"{{"ask":"find","text":"{}"}}"#, "x".repeat(MAX_TEXT + 1));
         let wrong =
             ["", "shown", "{}", r#"{"ask":"stop"}"#, r#"{"ask":"find"}"#, r#"{"ask":"name","id":0,"label":"a"}"#];
-        for text in wrong.into_iter().chain([long.as_str(), r#"{"ask":"name","id":-1,"label":"a"}"#]) {
+        assert_eq!(found(r#"{"ask":"merge","ids":[9,7]}"#), Some(ViewRequest::Merge(vec![9, 7])));
+        let not_merged =
+            [r#"{"ask":"merge","ids":[9]}"#, r#"{"ask":"merge","ids":[9,0]}"#, r#"{"ask":"merge","ids":[9,"7"]}"#];
+        let more = [long.as_str(), r#"{"ask":"name","id":-1,"label":"a"}"#];
+        for text in wrong.into_iter().chain(more).chain(not_merged) {
             assert_eq!(found(text), None, "{text}");
         }
     }

@@ -1,7 +1,7 @@
 //! Frames as shown to viewers.
 
 use splatseg_geometry::{Image, Intrinsics, SegmentId, SegmentMap};
-use splatseg_objects::OrientedBox;
+use splatseg_objects::{ObjectState, OrientedBox};
 use std::time::Duration;
 
 /// A frame with its result.
@@ -36,6 +36,10 @@ pub struct ViewObject {
     pub oriented_box: Option<OrientedBox>,
     /// Number of frames that show it.
     pub frames: usize,
+    /// Its state in the map; `None` without a map. The page folds away what [does not count](splatseg_objects::Object::counts).
+    pub state: Option<ObjectState>,
+    /// When it was seen: stretches `(first, last)`, seconds since the first frame. See [`SeenSpans`](crate::SeenSpans).
+    pub seen: Vec<(f64, f64)>,
 }
 
 /// State of a run in a [`ViewFrame`].

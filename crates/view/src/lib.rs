@@ -35,6 +35,7 @@ mod page_messages;
 mod page_viewer;
 mod request;
 mod response;
+mod seen_spans;
 mod server;
 mod slots;
 mod timed_stream;
@@ -46,6 +47,7 @@ pub use counts::ViewCounts;
 pub use error::ViewError;
 pub use frame::{ViewFrame, ViewObject, ViewStatus};
 pub use options::{Reach, ViewLimits, ViewOptions};
+pub use seen_spans::SeenSpans;
 pub use server::ViewServer;
 pub use token::{Token, TokenError};
 

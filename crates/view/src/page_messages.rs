@@ -72,6 +72,8 @@ pub(crate) fn objects(objects: &[ViewObject]) -> Message {
             "label": object.label,
             "box": object.oriented_box,
             "frames": object.frames,
+            "state": object.state,
+            "spans": object.seen,
         })
     };
     text(&json!({ "kind": "objects", "objects": objects.iter().map(object).collect::<Vec<Value>>() }))

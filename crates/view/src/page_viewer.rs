@@ -39,6 +39,7 @@ impl<'a> PageViewer<'a> {
         let kind = match request {
             ViewRequest::Find(_) => PageMessage::Found,
             ViewRequest::Name(..) => PageMessage::Named,
+            ViewRequest::Merge(_) => PageMessage::Merged,
         };
         let answered = (answer.0)(request.clone());
         self.slot.put(kind, request.answered(&answered));

@@ -81,10 +81,16 @@ impl ViewServer {
     }
 
     /// Publishes a frame with the pose of its camera; `None` if that is lost. `frame` is called only if somebody watches
-    /// the page. The pose is always recorded, for the camera's path. Does not wait.
-    pub fn publish_frame(&self, world_from_camera: Option<&Pose>, frame: impl FnOnce() -> ViewFrame) {
-        if let Some(index) = self.shared.pages.record(world_from_camera) {
-            let placed = PlacedFrame { index, frame: frame(), world_from_camera: world_from_camera.copied() };
+    /// the page; it returns `None` if there is no picture, as when somebody has come only now. The pose is always recorded, for
+    /// the camera's path. Does not wait.
+    pub fn publish_frame<F: Into<Option<ViewFrame>>>(
+        &self,
+        world_from_camera: Option<&Pose>,
+        frame: impl FnOnce() -> F,
+    ) {
+        let Some(index) = self.shared.pages.record(world_from_camera) else { return };
+        if let Some(frame) = frame().into() {
+            let placed = PlacedFrame { index, frame, world_from_camera: world_from_camera.copied() };
             self.shared.pages.put_frame(placed, &self.shared.counters);
         }
     }

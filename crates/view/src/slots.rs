@@ -21,13 +21,14 @@ pub(crate) enum PageMessage {
     Status,
     Found,
     Named,
+    Merged,
     Objects,
     Frame,
     Map,
 }
 
 impl PageMessage {
-    pub(crate) const COUNT: usize = 7;
+    pub(crate) const COUNT: usize = 8;
 }
 
 /// The newest message of each kind that a page has not been sent.

@@ -101,8 +101,10 @@ fn messages_agree_with_the_saved_objects() {
     let latest = |wanted| published.iter().rev().find(|(output, _)| *output == wanted).unwrap().1.as_slice();
     let objects: Detection3dArray = from_cdr(latest(Output::Objects)).unwrap();
     assert_eq!(objects.header.frame_id, "map");
-    let with_boxes: Vec<_> = list.all().filter_map(|object| Some((object.id, object.shape.as_ref()?))).collect();
-    assert_eq!(objects.detections.len(), with_boxes.len());
+    let boxes = list.objects.iter().filter_map(|object| Some((object.id, object.shape.as_ref()?)));
+    let with_boxes: Vec<_> = boxes.collect();
+    assert!(list.not_counted.iter().any(|object| object.shape.is_some()), "some objects are tentative");
+    assert_eq!(objects.detections.len(), with_boxes.len(), "those that count");
     for (detection, (id, shape)) in objects.detections.iter().zip(with_boxes) {
         assert_eq!(detection.id, id.to_string());
         let (center, size) = (&detection.bbox.center.position, &detection.bbox.size);
@@ -370,4 +372,36 @@ fn a_label_given_to_an_object_is_found_published_and_saved() {
     let list: ObjectList = serde_json::from_slice(&std::fs::read(saved.objects()).unwrap()).unwrap();
     let labelled = list.objects.iter().find(|other| other.label.is_some()).unwrap();
     assert_eq!((labelled.id, labelled.label.as_deref()), (object.id, Some("mug")));
+}
+
+#[test]
+fn objects_that_are_merged_are_one_in_messages_and_in_the_saved_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let saved = SavedMap::new(folder.path().join("home.ply"));
+    let mut setting = setting(LiveOptions { saved_map: Some(saved.clone()), ..LiveOptions::default() }, None);
+    play(&mut setting);
+    let in_map = |list: ObjectList| -> Vec<u32> {
+        list.objects.iter().filter(|object| object.shape.is_some()).map(|object| object.id).collect()
+    };
+    let ids = in_map(setting.session.objects());
+    let (into, from) = (ids[0].min(ids[1]), ids[0].max(ids[1]));
+    setting.session.name_by_hand(from, Some("mug")).unwrap();
+    let frames = |session: &LiveSession, id: u32| session.objects().get(id).map_or(0, |object| object.frames);
+    let most = frames(&setting.session, into).max(frames(&setting.session, from));
+    for wrong in [&[into, 9999][..], &[into, into]] {
+        setting.session.merge_objects(wrong).unwrap_err();
+    }
+    assert_eq!(in_map(setting.session.objects()), ids, "nothing has changed");
+    assert_eq!(setting.session.merge_objects(&[from, into]), Ok(into));
+    assert!(frames(&setting.session, into) >= most);
+    {
+        let published = setting.published.lock().unwrap();
+        let (_, latest) = published.iter().rev().find(|(output, _)| *output == Output::Objects).unwrap();
+        let objects: Detection3dArray = from_cdr(latest).unwrap();
+        assert!(objects.detections.iter().all(|detection| detection.id != from.to_string()));
+    }
+    // No frame has come since the last save, but a merge.
+    setting.session.run(&mut || true).unwrap();
+    let again = self::setting(LiveOptions::default(), Some(saved.map())).session.objects();
+    assert!(again.get(from).is_none() && again.get(into).unwrap().label.as_deref() == Some("mug"));
 }

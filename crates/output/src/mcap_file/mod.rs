@@ -124,9 +124,9 @@ impl McapFile {
         }
         let times = self.seen.first_times(end.remaps);
         let first_seen = |id: &SegmentId| times.get(id).copied().unwrap_or(*first);
-        let objects = end.objects.all();
+        let objects = &end.objects.objects;
         let mut shown: Vec<ShownObject> =
-            objects.filter_map(|object| ShownObject::new(first_seen(&object.id), object)).collect();
+            objects.iter().filter_map(|object| ShownObject::new(first_seen(&object.id), object)).collect();
         shown.sort_by_key(|object| (object.first_seen, object.id));
         write_boxes(recording, &shown)
     }

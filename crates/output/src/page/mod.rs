@@ -5,7 +5,7 @@
 //!
 //! | file | contents |
 //! | --- | --- |
-//! | `index.html` | the page itself, the same for every run |
+//! | `index.html` | the page itself, the same for every run, but for what [`ComparedIds`] adds |
 //! | `viewer/viewer.js` | its script, with three.js |
 //! | `viewer/run.js` | cameras, objects, map and floor plan: [`data::RunData`] as JSON |
 //! | `pictures/*.jpg` | the frames' pictures without overlay, at most 640 pixels wide |
@@ -16,6 +16,7 @@
 //! its sources.
 
 mod changes;
+mod compared;
 mod data;
 mod ids;
 mod map;
@@ -23,6 +24,7 @@ mod picture;
 mod plan;
 mod sightings;
 
+pub use compared::ComparedIds;
 pub use ids::encode_ids;
 pub use map::{MapData, map_data};
 

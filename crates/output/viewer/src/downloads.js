@@ -2,8 +2,8 @@
 
 import { byElementId } from "./element.js";
 
-/** Connects the buttons. `mapOf()` may be missing. */
-export function listenToDownloads(run, mapOf) {
+/** Connects the buttons. `mapOf()` may be missing, and so may the changes by hand. */
+export function listenToDownloads(run, mapOf, edits = null) {
   const name = () => (run.scene.split(/[\\/]/).filter(Boolean).pop() ?? "").replace(/[^\w.-]+/g, "_") || "splatseg";
   const onClick = (id, make) => byElementId(id).addEventListener("click", async () => {
     byElementId("downloads").open = false;
@@ -13,7 +13,9 @@ export function listenToDownloads(run, mapOf) {
   onClick("save-ply", () => [plyOf(run, mapOf()), ".ply"]);
   onClick("save-csv", () => [csvOf(run.objects), "-objects.csv"]);
   onClick("save-png", async () => [await mapOf().picture(), ".png"]);
+  onClick("save-edits", () => [edits.lines, "-changes.csv"]);
   byElementId("downloads").addEventListener("toggle", () => {
+    byElementId("save-edits").hidden = !edits?.last;
     for (const id of ["save-ply", "save-png"]) byElementId(id).disabled = !mapOf();
   });
 }

@@ -2,14 +2,18 @@
 
 import { ChangeList } from "./change_list.js";
 import { Clock } from "./clock.js";
+import { ComparedIds } from "./compared_ids.js";
 import { listenToComparison } from "./comparison.js";
 import { listenToDownloads } from "./downloads.js";
+import { Edits } from "./edits.js";
 import { byElementId, counted, counts, nameOf, note } from "./element.js";
 import { FrameIds } from "./frame_ids.js";
 import { listenToKeys } from "./keys.js";
+import { LabelForm } from "./label_form.js";
 import { Link, stateOf } from "./link.js";
 import { listenToControls } from "./map_controls.js";
 import { MapView } from "./map_view.js";
+import { Merging } from "./merging.js";
 import { ObjectInfo } from "./object_info.js";
 import { ObjectList } from "./object_list.js";
 import { Picture } from "./picture.js";
@@ -18,17 +22,22 @@ import { Timeline } from "./timeline.js";
 import { Tracks } from "./tracks.js";
 import { Visibility } from "./visibility.js";
 
+/** Colour of what is no object of the run. */
+const UNKNOWN = [128, 128, 128];
+
 /** Shows a run. */
 export function showRun(run) {
   const root = document.documentElement;
   let selected = 0;
   /** True if the current frame shows the selected object, according to the run's data. */
   const isSeen = (object, frame) => object.seen.some(([first, last]) => first <= frame && frame <= last);
-  const toggle = (id) => select(id === selected ? 0 : id, "seek");
+  const pick = (id, seek) => (merging.isOn ? id && merging.toggle(id) : select(id, seek));
+  const toggle = (id) => pick(id === selected && !merging.isOn ? 0 : id, "seek");
 
-  const map = mapView(run, { pick: select, moved: () => link.change() });
+  const edits = new Edits(run);
+  const map = mapView(run, { pick, moved: () => link.change() });
   const plan = run.plan && map && new PlanView(run, {
-    pick: select,
+    pick,
     turned: (on) => {
       controls.stopMeasuring();
       map.cover(on);
@@ -42,6 +51,16 @@ export function showRun(run) {
     center: map && ((id) => map.center(id)),
     isolate: () => visibility.toggleIsolated(),
     hide: () => visibility.toggleHidden(),
+    merge: () => merging.turn(selected),
+  });
+  const labels = new LabelForm();
+  const merging = new Merging({
+    nameOf: (id) => nameOf(id, run.byId.get(id)),
+    merge: (ids) => change(() => edits.merge(ids)),
+    changed: (ids) => {
+      list.showChosen(ids);
+      picture.mark(ids.size ? ids : [selected]);
+    },
   });
   const visibility = new Visibility((isShown) => {
     map?.showObjects(isShown);
@@ -52,8 +71,8 @@ export function showRun(run) {
   });
   const frameIds = new FrameIds(run.framesPerChunk, run.remapped);
   const picture = new Picture({
-    nameOf: (id) => nameOf(id, run.byId.get(id)),
-    onPick: select,
+    nameOf: (id) => compared?.nameOf(id) ?? nameOf(id, run.byId.get(id)),
+    onPick: (id) => pick(run.byId.has(id) ? id : 0),
     onIds: (ids) => {
       list.showFrame(ids);
       root.dataset.frame = String(timeline.frame);
@@ -61,6 +80,7 @@ export function showRun(run) {
     onOpacity: () => link.change(),
     onError: (text) => note("video-note", text),
   });
+  const compared = window.splatsegComparison && new ComparedIds(window.splatsegComparison, run, () => show(timeline.frame));
   const clock = new Clock(run.frameCount, run.stamps);
   const tracks = new Tracks(run, clock, { seek: (frame) => frame !== timeline.frame && show(frame), pick: toggle });
   const timeline = new Timeline(run, clock, { show, preload: (frame) => picture.preload(shown(frame)) });
@@ -71,11 +91,22 @@ export function showRun(run) {
     const name = encodeURIComponent(run.names[frame]);
     return {
       camera: run.cameraOf(frame),
-      url: `overlay/${name}.jpg`,
+      // The run's overlays know neither merged objects nor other ids.
+      url: run.into.size || (compared && compared.shown !== "own") ? null : `overlay/${name}.jpg`,
       plain: `pictures/${name}.jpg`,
       text: `frame ${run.names[frame]} with its objects`,
-      ids: () => frameIds.of(frame),
+      ids: () => idsOf(frame),
+      colorOf: (id) => run.byId.get(id)?.color ?? compared?.colorOf(id) ?? UNKNOWN,
+      textOf: (id) => compared?.nameOf(id) ?? String(id),
+      line: compared?.line,
     };
+  }
+
+  /** The ids of a frame's pixels, after the changes by hand, or those that they are compared with. */
+  async function idsOf(frame) {
+    const found = await frameIds.of(frame);
+    const own = run.into.size ? { ...found, ids: found.ids.map((id) => run.into.get(id) ?? id) } : found;
+    return compared ? compared.of(frame, own, run.into) : own;
   }
 
   /** Shows a frame. */
@@ -96,8 +127,9 @@ export function showRun(run) {
     root.dataset.object = String(id);
     list.mark(id);
     info.show(id);
+    labels.select(id, object);
     tracks.mark(id);
-    picture.mark(id);
+    picture.mark([id]);
     map?.mark(id);
     plan?.mark(id);
     visibility.select(id);
@@ -107,6 +139,29 @@ export function showRun(run) {
       timeline.pause();
       show(object.best);
     }
+  }
+
+  /** Changes objects by hand. */
+  function change(edit) {
+    const before = run.into;
+    edit();
+    showEdits();
+    if (before.size || run.into.size) show(timeline.frame);
+  }
+
+  /** Shows the objects as they are after the changes by hand. */
+  function showEdits() {
+    run.edit(edits);
+    describe(run);
+    map?.mergeObjects(run.into);
+    plan?.mergeObjects(run.into);
+    list.update(run.objects);
+    tracks.update(run.objects);
+    visibility.hide([...visibility.hidden].filter((id) => run.byId.has(id)));
+    const { last } = edits;
+    byElementId("undo").hidden = last === null;
+    byElementId("undo").title = `Takes back the ${last} (z)`;
+    select(run.into.get(selected) ?? selected);
   }
 
   function showDrawn() {
@@ -125,6 +180,10 @@ export function showRun(run) {
     map?.showTime(time);
   }
 
+  function undo() {
+    if (edits.last) change(() => edits.undo());
+  }
+
   /** What the page shows, for its link. */
   function state() {
     const view = map?.view?.map((number) => Number(number.toFixed(3))).join(",");
@@ -139,6 +198,8 @@ export function showRun(run) {
       hide: visibility.hidden.size ? [...visibility.hidden].join(",") : null,
       alone: visibility.isolated ? 1 : null,
       plan: plan?.isOn ? 1 : null,
+      ids: compared && compared.shown !== "own" ? compared.shown : null,
+      edits: edits.text && encodeURIComponent(edits.text),
     };
   }
 
@@ -156,6 +217,9 @@ export function showRun(run) {
     const view = wanted.numbers("view");
     if (map && view?.length === 6) map.view = view;
     if (Boolean(wanted.number("plan")) !== Boolean(plan?.isOn)) plan?.turn(!plan.isOn);
+    if (compared && (wanted.text("ids") ?? "own") !== compared.shown) compared.shown = wanted.text("ids");
+    edits.read(wanted.text("edits"));
+    showEdits();
     const frame = Math.max(0, Math.floor(wanted.number("frame") ?? 0));
     await show(Math.min(frame, Math.max(0, run.frameCount - 1)));
     select(run.byId.has(wanted.number("object")) ? wanted.number("object") : 0);
@@ -165,7 +229,7 @@ export function showRun(run) {
   }
 
   // For the browser's console: `splatsegPage.select(7)`.
-  window.splatsegPage = { run, map, plan, show, select, changes, clock };
+  window.splatsegPage = { run, edits, map, plan, show, select, changes, clock };
   describe(run);
   const controls = listenToControls(() => map, showTime, () => link.change());
   listenToKeys({
@@ -176,9 +240,18 @@ export function showRun(run) {
     o: () => picture.toggleOverlay(),
     i: () => visibility.toggleIsolated(),
     h: () => visibility.toggleHidden(),
-    Escape: () => controls.stopMeasuring() || select(0),
+    n: () => labels.focus(),
+    u: () => merging.turn(selected),
+    x: () => compared?.turn(),
+    z: undo,
+    Escape: () => merging.stop() || controls.stopMeasuring() || select(0),
   });
-  listenToDownloads(run, () => map);
+  byElementId("undo").addEventListener("click", undo);
+  labels.savedBy((id, label) => {
+    change(() => edits.rename(id, label));
+    labels.say("saved");
+  });
+  listenToDownloads(run, () => map, edits);
   window.addEventListener("hashchange", follow);
   follow();
 }

@@ -5,8 +5,10 @@ const TURNS = [0, -15, 15, -30, 30, -45, 45];
 const HEIGHTS = [35, 45, 55];
 /** Part of the points that may be outside at each side: strays far from the rest. */
 const OUTSIDE = 0.0005;
-/** Part of the stage that the map may fill. */
-const FILLED = 0.97;
+/** Part of the stage that the middles of Gaussians may fill; the spots around them reach farther. */
+const FILLED = 0.95;
+/** What faces away from the middle of the view by less than this cosine may still be seen at its side. */
+const GRAZING = 0.25;
 /** A view from the cameras' direction is preferred to one that is turned by 45 degrees and fills this much more. */
 const PREFERENCE = 0.25;
 
@@ -32,7 +34,7 @@ export function firstView(points, { forward, up, height, aspect }) {
 export function fit(points, direction, up, tangents) {
   const right = unit(cross(direction, up));
   const above = cross(right, direction);
-  const drawn = points.filter(({ facing }) => dot(facing, direction) <= 0);
+  const drawn = points.filter(({ facing }) => dot(facing, direction) <= GRAZING);
   const seen = (drawn.length ? drawn : points).map(({ position }) => [right, above, direction].map((axis) => dot(position, axis)));
   const sides = [["x", 0], ["y", 1]].map(([name, axis]) => {
     const tangent = tangents[name];

@@ -10,23 +10,27 @@ export class FrameIds {
   #chunks = new Map();
   #arrived = new Map();
   #remapped;
+  #file;
 
   /**
    * `length` is the number of frames per chunk. Each of `remapped` is a frame, an id in the frames before it, and the id
-   * that it turned out to be.
+   * that it turned out to be. `file` begins the names of the files, each of which calls `callback`.
    */
-  constructor(length, remapped = []) {
+  constructor(length, remapped = [], { file, callback } = { file: "frames", callback: "splatsegFrames" }) {
     this.#length = length;
     this.#remapped = remapped;
     // Each chunk's script calls this: a page opened from disk may load scripts but not fetch files.
-    window.splatsegFrames = (chunk, frames) => this.#arrived.set(chunk, frames);
+    this.#file = file;
+    window[callback] = (chunk, frames) => this.#arrived.set(chunk, frames);
   }
 
-  /** The ids of a frame: `{ width, height, ids }`, `ids` row-major. Rejects if its file cannot be loaded. */
+  /** The ids of a frame: `{ width, height, ids }`, `ids` row-major; null if it has none. Rejects if its file cannot be loaded. */
   async of(frame) {
     const chunk = Math.floor(frame / this.#length);
     const frames = await this.#chunk(chunk);
-    const [width, height, text] = frames[frame - chunk * this.#length];
+    const found = frames[frame - chunk * this.#length];
+    if (!found) return null;
+    const [width, height, text] = found;
     return { width, height, ids: this.#final(frame, decode(bytesOf(text), width, height)) };
   }
 
@@ -53,7 +57,7 @@ export class FrameIds {
 
   #load(number) {
     return new Promise((resolve, reject) => {
-      const file = `viewer/frames-${String(number).padStart(3, "0")}.js`;
+      const file = `viewer/${this.#file}-${String(number).padStart(3, "0")}.js`;
       const script = document.createElement("script");
       const end = () => {
         const frames = this.#arrived.get(number);

@@ -1,17 +1,22 @@
 // The page of a run that goes on. Its data come through a websocket, as `page_messages.rs` writes them.
 
-import { byElementId, counted, nameOf, note } from "./element.js";
+import { byElementId, counted, counts, nameOf, note } from "./element.js";
 import { decode } from "./frame_ids.js";
 import { listenToDownloads } from "./downloads.js";
 import { listenToKeys } from "./keys.js";
+import { LabelForm } from "./label_form.js";
+import { LiveClock } from "./live_clock.js";
 import { LiveCrops } from "./live_crops.js";
 import { LiveRun } from "./live_run.js";
 import { LiveStatus } from "./live_status.js";
 import { listenToControls } from "./map_controls.js";
 import { MapView } from "./map_view.js";
+import { Merging } from "./merging.js";
 import { ObjectInfo } from "./object_info.js";
 import { ObjectList } from "./object_list.js";
 import { Picture } from "./picture.js";
+import { Tracks } from "./tracks.js";
+import { Visibility } from "./visibility.js";
 import { Words } from "./words.js";
 
 /** Answer to each message. The server sends no more than three without one. */
@@ -38,12 +43,35 @@ class LivePage {
   #notes = [];
   #lines = [];
   #crops = new LiveCrops();
-  #list = new ObjectList([], { pick: (id) => this.#select(id === this.#selected ? 0 : id) });
+  #list = new ObjectList([], { pick: (id) => this.#toggle(id), filter: (isFound) => this.#tracks.show(isFound) });
+  #clock = new LiveClock();
+  #tracks = new Tracks({ objects: [] }, this.#clock, { seek: () => {}, pick: (id) => this.#toggle(id) });
   #words = new Words((ids) => this.#list.showFound(ids));
-  #info = new ObjectInfo(this.#run, { center: (id) => this.#map?.center(id) });
+  #labels = new LabelForm();
+  #visibility = new Visibility((isShown) => {
+    this.#map?.showObjects(isShown);
+    this.#list.showDrawn(isShown);
+    this.#showDrawn();
+  });
+  #merging = new Merging({
+    nameOf: (id) => nameOf(id, this.#run.byId.get(id)),
+    merge: (ids) => this.#ask?.({ ask: "merge", ids }),
+    changed: (ids) => {
+      this.#list.showChosen(ids);
+      this.#picture.mark(ids.size ? ids : [this.#selected]);
+    },
+  });
+  /** Sends a request; null if the program answers none. */
+  #ask = null;
+  #info = new ObjectInfo(this.#run, {
+    center: (id) => this.#map?.center(id),
+    isolate: () => this.#visibility.toggleIsolated(),
+    hide: () => this.#visibility.toggleHidden(),
+    merge: () => this.#turnMerging(),
+  });
   #picture = new Picture({
     nameOf: (id) => nameOf(id, this.#run.byId.get(id)),
-    onPick: (id) => this.#select(id),
+    onPick: (id) => this.#pick(id),
     onIds: (ids) => this.#list.showFrame(ids),
     onError: () => {},
   });
@@ -56,7 +84,11 @@ class LivePage {
       m: controls.m,
       r: controls.r,
       o: () => this.#picture.toggleOverlay(),
-      Escape: () => controls.stopMeasuring() || this.#select(0),
+      i: () => this.#visibility.toggleIsolated(),
+      h: () => this.#visibility.toggleHidden(),
+      n: () => this.#labels.focus(),
+      u: () => this.#turnMerging(),
+      Escape: () => this.#merging.stop() || controls.stopMeasuring() || this.#select(0),
     });
     listenToDownloads(this.#run, () => this.#map);
     this.#connect(PAUSES_MS[0]);
@@ -102,8 +134,9 @@ class LivePage {
     const message = JSON.parse(data);
     const show = { hello: () => this.#greet(message), status: () => this.#showStatus(message) };
     show.found = () => this.#words.showFound(message);
-    show.named = () => this.#words.showNamed(message);
-    show.objects = () => this.#showObjects(message.objects);
+    show.named = () => this.#labels.say(message.error ?? "saved");
+    show.merged = () => this.#showMerged(message);
+    show.objects = () => this.#showObjects(message);
     show.map = () => this.#showMap(message);
     return show[message.kind]?.();
   }
@@ -113,7 +146,10 @@ class LivePage {
     if (this.#run.session && this.#run.session !== message.session) return location.reload();
     this.#run.greet(message);
     const ask = (request) => this.#socket.readyState === WebSocket.OPEN && this.#socket.send(JSON.stringify(request));
-    this.#words.answeredBy(message.answers ? ask : null);
+    this.#ask = message.answers ? ask : null;
+    this.#info.canMerge = message.answers;
+    this.#words.answeredBy(this.#ask);
+    this.#labels.savedBy(this.#ask && ((id, label) => this.#ask({ ask: "name", id, label })));
     document.title = `${message.scene || "live"} – splatseg`;
     byElementId("scene").textContent = message.scene || "splatseg";
     byElementId("facts").textContent = `splatseg ${message.version}`;
@@ -138,7 +174,8 @@ class LivePage {
     const frame = JSON.parse(new TextDecoder().decode(new Uint8Array(bytes, 4, length)));
     const jpeg = new Blob([new Uint8Array(bytes, 4 + length, frame.jpeg)], { type: "image/jpeg" });
     const { width, height } = frame;
-    const ids = { width, height, ids: decode(new Uint8Array(bytes, 4 + length + frame.jpeg), width, height) };
+    const found = decode(new Uint8Array(bytes, 4 + length + frame.jpeg), width, height);
+    const ids = { width, height, ids: found.map((id) => this.#run.into.get(id) ?? id) };
     const url = URL.createObjectURL(jpeg);
     const image = Object.assign(new Image(), { src: url });
     // Decoded first, so that the picture does not flicker. Browsers put that off while the page is hidden.
@@ -158,11 +195,24 @@ class LivePage {
     document.documentElement.dataset.frame = String(frame.number);
   }
 
-  #showObjects(objects) {
-    this.#run.setObjects(objects);
-    this.#status.setObjects(objects.length);
+  #showObjects(message) {
+    this.#run.setObjects(message.objects);
+    this.#status.setObjects(this.#run.objects.filter(counts).length);
+    const rows = this.#run.rows();
+    for (const { seen } of rows) this.#clock.reach(seen.at(-1)?.[1] ?? 0);
+    this.#tracks.showFrame(this.#clock.now);
+    this.#tracks.update(rows);
     this.#listObjects();
     if (this.#selected) this.#select(this.#run.byId.has(this.#selected) ? this.#selected : 0);
+  }
+
+  /** Objects were merged, or could not be. */
+  #showMerged(message) {
+    if (message.error) return note("map-note", message.error);
+    this.#run.merge(message);
+    this.#showObjects({ objects: this.#run.objects });
+    this.#map?.mergeObjects(this.#run.into);
+    this.#select(message.into);
   }
 
   /** Lists the objects with their crops. */
@@ -187,7 +237,8 @@ class LivePage {
 
   #createMap() {
     try {
-      this.#map = new MapView(this.#run, { pick: (id) => this.#select(id) });
+      this.#map = new MapView(this.#run, { pick: (id) => this.#pick(id) });
+      this.#map.mergeObjects(this.#run.into);
       byElementId("map-hint").textContent = "Drag to orbit, scroll to zoom, click an object";
       if (this.#run.cameraOf()) this.#map.showFrame(0);
     } catch (error) {
@@ -196,15 +247,37 @@ class LivePage {
     }
   }
 
+  #turnMerging() {
+    if (this.#ask) this.#merging.turn(this.#selected);
+  }
+
+  #showDrawn() {
+    this.#info.showDrawn(this.#visibility.isolated, this.#visibility.hidden.has(this.#selected));
+  }
+
+  /** Selects an object, or chooses it to be merged. */
+  #pick(id) {
+    if (!this.#merging.isOn) this.#select(id);
+    else if (id) this.#merging.toggle(id);
+  }
+
+  /** As `pick`, but an object that is selected is so no longer. */
+  #toggle(id) {
+    this.#pick(id === this.#selected && !this.#merging.isOn ? 0 : id);
+  }
+
   /** Selects an object, 0 for none. */
   #select(id) {
     this.#selected = id;
     document.documentElement.dataset.object = String(id);
     this.#list.mark(id);
     this.#info.show(id);
-    this.#words.select(id, this.#run.byId.get(id));
-    this.#picture.mark(id);
+    this.#labels.select(id, this.#run.byId.get(id));
+    this.#tracks.mark(id);
+    if (!this.#merging.isOn) this.#picture.mark([id]);
     this.#map?.mark(id);
+    this.#visibility.select(id);
+    this.#showDrawn();
   }
 }
 

@@ -18,6 +18,8 @@ export class LiveRun {
   map = null;
   changes = null;
   objects = [];
+  /** For each object that was merged into another one, that one: maps and frames that are under way have the old ids. */
+  into = new Map();
   byId = new Map();
   frameCount = 0;
   /** Frames have no names here that parts of the page could go to. */
@@ -53,9 +55,24 @@ export class LiveRun {
     if (this.#rotations.length > MAX_ROTATIONS) this.#rotations = this.#rotations.filter((_, place) => place % 2 === 0);
   }
 
+  /** `spans` of an object are when it was seen, `[first, last]`, seconds since the first frame. */
   setObjects(objects) {
-    this.objects = objects.map((object) => ({ ...object, seen: [] }));
+    // Frames that the page could go to are not kept. A list may be older than a merge.
+    this.objects = objects.filter(({ id }) => !this.into.has(id)).map((object) => ({ ...object, seen: [] }));
     this.byId = new Map(this.objects.map((object) => [object.id, object]));
+  }
+
+  /** The objects as rows of a timeline. */
+  rows() {
+    return this.objects.map((object) => ({ ...object, seen: object.spans }));
+  }
+
+  /** Objects were merged into one. */
+  merge({ ids, into }) {
+    for (const id of ids.filter((id) => id !== into)) {
+      for (const [from, to] of this.into) if (to === id) this.into.set(from, into);
+      this.into.set(id, into);
+    }
   }
 
   /** The newest camera's intrinsics. */

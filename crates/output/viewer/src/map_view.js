@@ -16,7 +16,7 @@ const FIELD_OF_VIEW_DEGREES = 50;
 const CLICK_PIXELS = 4;
 const CAMERA_COLOR = 0xf25c05;
 /** The view is widened once the map has grown or moved by this part of its radius, so that it does not move all the time. */
-const REFIT_GROWTH = 0.1;
+const REFIT_GROWTH = 0.04;
 
 export class MapView {
   #run;
@@ -24,6 +24,8 @@ export class MapView {
   #stage = document.getElementById("stage");
   #scene = new Scene();
   #follow = false;
+  /** For each object that was merged into another one, that one. */
+  #into = new Map();
   /** Tells which objects are drawn; null for all. */
   #isShown = null;
   /** True while the map of another run is shown. */
@@ -163,6 +165,7 @@ export class MapView {
     const old = this.splats;
     this.splats = this.#splatsOf(map, this.#run.byId);
     for (const [name, uniform] of Object.entries(old.uniforms)) this.splats.uniforms[name].value = uniform.value;
+    this.splats.mergeObjects(this.#into, this.#run.byId);
     if (this.#isShown) this.splats.showObjects(this.#isShown);
     this.#drawing.remove(old);
     this.extent = this.splats.extent();
@@ -171,6 +174,14 @@ export class MapView {
     const growth = Math.max(moved, this.extent.radius - radius) / radius;
     if (!this.#touched && !this.#follow && growth > REFIT_GROWTH) this.#fit();
     else this.#resize();
+  }
+
+  /** Shows objects that were merged as the one that they are: `into` has it for each of the others. */
+  mergeObjects(into) {
+    this.#into = into;
+    this.splats.mergeObjects(into, this.#run.byId);
+    if (this.#isShown) this.splats.showObjects(this.#isShown);
+    this.draw();
   }
 
   /** Shows the camera's path as it is now. */

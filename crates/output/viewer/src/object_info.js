@@ -14,8 +14,13 @@ export class ObjectInfo {
   #place = document.getElementById("info");
   #isolate = null;
   #hide = null;
+  /** False as long as objects cannot be merged. */
+  canMerge = true;
 
-  /** `actions`: `{ goTo(frame), center(id), isolate(), hide() }`; the last three are missing without a map. */
+  /**
+   * `actions`: `{ goTo(frame), center(id), isolate(), hide(), merge(id) }`; center, isolate and hide are missing without a map,
+   * `merge` if objects can never be merged.
+   */
   constructor(run, actions) {
     this.#run = run;
     this.#actions = actions;
@@ -75,12 +80,13 @@ export class ObjectInfo {
       buttons.push(button("First frame", () => this.#actions.goTo(object.seen[0][0])));
       buttons.push(button("Largest view", () => this.#actions.goTo(object.best)));
     }
-    if (object.gaussians && this.#actions.center) {
+    if ((object.gaussians || object.box) && this.#actions.center) {
       buttons.push(button("Centre in map", () => this.#actions.center(object.id)));
       this.#isolate = button("Isolate", () => this.#actions.isolate());
       this.#hide = button("Hide", () => this.#actions.hide());
       buttons.push(this.#isolate, this.#hide);
     }
+    if (this.#actions.merge && this.canMerge) buttons.push(button("Merge…", () => this.#actions.merge(object.id)));
     return element("div", { className: "actions" }, buttons);
   }
 }

@@ -73,10 +73,16 @@ export class ObjectList {
   /** Highlights an object, or none, and scrolls to it. */
   mark(id) {
     this.#button(this.#selected)?.setAttribute("aria-pressed", "false");
+    const isNew = this.#selected !== id;
     this.#selected = id;
     this.#button(id)?.setAttribute("aria-pressed", "true");
     this.#show();
-    this.#button(id)?.scrollIntoView({ block: "nearest" });
+    if (isNew) this.#button(id)?.scrollIntoView({ block: "nearest" });
+  }
+
+  /** Marks the objects that are chosen to be merged. */
+  showChosen(ids) {
+    for (const [id, row] of this.#rows) row.classList.toggle("chosen", ids.has(id));
   }
 
   /** Strikes out the objects that the map does not show. */

@@ -8,8 +8,11 @@ const packed = ([red, green, blue]) => ((TINT << 24) | (blue << 16) | (green << 
 /** An object is numbered where this many pixels around are its own. */
 const ROOM = 9;
 
-/** Draws ids, `{ width, height, ids }`, into a canvas of the same size; `colorOf(id)` is the colour of an object. */
-export function drawOverlay(canvas, { width, height, ids }, colorOf) {
+/**
+ * Draws ids, `{ width, height, ids }`, into a canvas of the same size; `colorOf(id)` is the colour of an object, `textOf(id)`
+ * what is written on it.
+ */
+export function drawOverlay(canvas, { width, height, ids }, colorOf, textOf = String) {
   [canvas.width, canvas.height] = [width, height];
   const context = canvas.getContext("2d");
   const picture = context.createImageData(width, height);
@@ -29,9 +32,9 @@ export function drawOverlay(canvas, { width, height, ids }, colorOf) {
   [context.textAlign, context.textBaseline, context.lineWidth] = ["center", "middle", 3];
   for (const [id, { index }] of innermost(ids, width, height)) {
     const place = [index % width, Math.floor(index / width)];
-    context.strokeText(id, ...place);
+    context.strokeText(textOf(id), ...place);
     context.fillStyle = "#fff";
-    context.fillText(id, ...place);
+    context.fillText(textOf(id), ...place);
   }
 }
 

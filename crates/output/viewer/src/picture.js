@@ -17,9 +17,11 @@ export class Picture {
   #marks = byElementId("marks");
   #box = byElementId("frame-picture");
   #tag = byElementId("tag");
+  #divider = byElementId("divider");
   #actions;
   #frame = null;
-  #object = 0;
+  /** The highlighted objects. */
+  #objects = new Set();
   #ids = null;
   /** Where the pointer is, pixels in the window; null if it is not on the picture. */
   #pointer = null;
@@ -72,9 +74,9 @@ export class Picture {
   }
 
   /**
-   * Shows a frame: `{ camera, url, plain, text, ids(), colorOf(id) }`, `url` and `plain` with and without overlay. Without
-   * `url`, the overlay is drawn, in the colours of `colorOf`. Resolves when its ids,
-   * `{ width, height, ids }`, are loaded.
+   * Shows a frame: `{ camera, url, plain, text, ids(), colorOf(id), textOf(id), line }`, `url` and `plain` with and without
+   * overlay. Without `url`, the overlay is drawn, in the colours of `colorOf` with the texts of `textOf`; `line` is where two
+   * sides meet, a part of the width. Resolves when its ids, `{ width, height, ids }`, are loaded.
    */
   async show(frame) {
     const { camera } = frame;
@@ -97,7 +99,9 @@ export class Picture {
       this.#ids = null;
       this.#actions.onError(error.message);
     }
-    if (!frame.url && this.#ids) drawOverlay(this.#drawn, this.#ids, frame.colorOf);
+    if (!frame.url && this.#ids) drawOverlay(this.#drawn, this.#ids, frame.colorOf, frame.textOf);
+    this.#divider.hidden = typeof frame.line !== "number";
+    this.#divider.style.left = `${100 * (frame.line ?? 0)}%`;
     this.#draw();
     this.#showTag();
     this.#actions.onIds(new Set(this.#ids?.ids));
@@ -105,13 +109,14 @@ export class Picture {
 
   /** Loads a frame's picture. Resolves when it is loaded or has failed to load. */
   async preload(frame) {
-    const images = [frame.url, ...(this.opacity < 100 ? [frame.plain] : [])].map((src) => Object.assign(new Image(), { src }));
+    const files = [...(frame.url ? [frame.url] : []), ...(this.opacity < 100 || !frame.url ? [frame.plain] : [])];
+    const images = files.map((src) => Object.assign(new Image(), { src }));
     await Promise.allSettled([...images.map((image) => image.decode()), frame.ids()]);
   }
 
-  /** Highlights an object, or none. */
-  mark(object) {
-    this.#object = object;
+  /** Highlights objects, or none. */
+  mark(objects) {
+    this.#objects = new Set(objects);
     this.#draw();
   }
 
@@ -141,11 +146,12 @@ export class Picture {
   #draw() {
     const context = this.#marks.getContext("2d");
     context.clearRect(0, 0, this.#marks.width, this.#marks.height);
-    if (!this.#ids || !this.#object || !this.#ids.ids.includes(this.#object)) return;
+    if (!this.#ids || this.#objects.size === 0 || !this.#ids.ids.some((id) => this.#objects.has(id))) return;
     const { width, height, ids } = this.#ids;
     [this.#marks.width, this.#marks.height] = [width, height];
     const pixels = context.createImageData(width, height);
-    const is = (column, row) => ids[row * width + column] === this.#object;
+    const marked = Uint8Array.from(ids, (id) => Number(this.#objects.has(id)));
+    const is = (column, row) => marked[row * width + column];
     for (let row = 0; row < height; row++) {
       for (let column = 0; column < width; column++) {
         const place = 4 * (row * width + column);

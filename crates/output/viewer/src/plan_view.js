@@ -7,6 +7,7 @@ import { decode } from "./frame_ids.js";
 import { cellsPicture, styleOf } from "./plan_cells.js";
 import { Texts, drawCamera, drawFootprint, isInside } from "./plan_drawing.js";
 import { PlanMotion } from "./plan_motion.js";
+import { turned } from "./rotation.js";
 import { showBar } from "./scale_bar.js";
 
 /** Empty margin around the plan, pixels. */
@@ -67,6 +68,12 @@ export class PlanView {
 
   mark(id) {
     this.#selected = id;
+    this.#draw();
+  }
+
+  /** Draws objects that were merged as the one that they are: `into` has it for each of the others. */
+  mergeObjects(into) {
+    this.#plan = { ...this.#run.plan, objects: this.#run.plan.objects.map((object) => ({ ...object, id: into.get(object.id) ?? object.id })) };
     this.#draw();
   }
 
@@ -175,10 +182,4 @@ export class PlanView {
     const [x, y] = turned(rotation, place);
     return [x + start[0] - origin[0], y + start[1] - origin[1]];
   }
-}
-
-/** A vector turned by a quaternion x, y, z, w. */
-function turned([x, y, z, w], [a, b, c]) {
-  const [p, q, r] = [2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)];
-  return [a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p];
 }

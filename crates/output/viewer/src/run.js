@@ -6,6 +6,11 @@ import { floatsOf } from "./bytes.js";
 const POSE_NUMBERS = 7;
 
 export class Run {
+  /** The objects as the run has found them. */
+  #found;
+  /** For each object that was merged into another one, that one. */
+  into = new Map();
+
   constructor(data) {
     this.scene = data.scene;
     this.version = data.version;
@@ -23,9 +28,21 @@ export class Run {
     this.plan = data.plan ?? null;
     /** What has changed since the loaded map; null without one. */
     this.changes = data.changes ?? null;
-    this.objects = data.objects;
-    this.byId = new Map(data.objects.map((object) => [object.id, object]));
+    this.#found = data.objects;
+    this.setObjects(data.objects);
     this.poses = floatsOf(data.poses);
+  }
+
+  setObjects(objects) {
+    this.objects = objects;
+    this.byId = new Map(objects.map((object) => [object.id, object]));
+  }
+
+  /** Changes the objects as a person did. */
+  edit(edits) {
+    const { objects, into } = edits.applied(this.#found);
+    this.into = into;
+    this.setObjects(objects);
   }
 
   get frameCount() {

@@ -18,18 +18,22 @@ const MAX_SAMPLES = 4000;
 const NO_OBJECT = [128, 128, 128];
 
 export class Splats {
+  /** The ids in the map's data. */
+  #found;
+
   /** `map` is the run's map, `byId` its objects; those of the set `added` can be hidden. `places` are the camera's. */
   constructor(map, byId, places, added = new Set()) {
     this.count = map.count;
     this.positions = positionsOf(map);
     this.radii = Float32Array.from(wordsOf(map.radii), (part) => (part / 65535) * map.max_radius * RADIUS_IN_SIGMA);
     this.ids = idsOf(map.ids);
+    this.#found = this.ids.slice();
     this.added = Uint8Array.from(this.ids, (id) => Number(added.has(id)));
     this.facing = facingOf(this.positions, places);
     this.shown = new Uint8Array(this.count).fill(1);
     this.colors = bytesOf(map.colors);
     this.objectColors = new Uint8Array(3 * this.count);
-    this.ids.forEach((id, index) => this.objectColors.set(byId.get(id)?.color ?? NO_OBJECT, 3 * index));
+    this.#paint(byId);
     this.geometry = this.#geometry();
     /** What the shaders are told. `ceiling` is the height above which nothing is drawn, along `up`. */
     this.uniforms = {
@@ -48,6 +52,23 @@ export class Splats {
     geometry.setAttribute("objectColor", new BufferAttribute(this.objectColors, 3, true));
     geometry.setAttribute("trueColor", new BufferAttribute(this.colors, 3, true));
     return geometry;
+  }
+
+  #paint(byId) {
+    const colors = new Map();
+    this.ids.forEach((id, index) => {
+      if (!colors.has(id)) colors.set(id, byId.get(id)?.color ?? NO_OBJECT);
+      this.objectColors.set(colors.get(id), 3 * index);
+    });
+  }
+
+  /** Shows objects that were merged as the one that they are: `into` has it for each of the others. */
+  mergeObjects(into, byId) {
+    this.#found.forEach((id, index) => (this.ids[index] = into.get(id) ?? id));
+    this.#paint(byId);
+    const { object, objectColor } = this.geometry.attributes;
+    object.array.set(this.ids);
+    object.needsUpdate = objectColor.needsUpdate = true;
   }
 
   /** Releases the memory of the GPU. */

@@ -4,7 +4,7 @@ const FRAMES_PER_JUMP = 10;
 /** Pause between two looks at the clock, milliseconds. */
 const PAUSE_MS = 10;
 /** Keys that are typed into these, or move their choice. */
-const TAKES_KEYS = "input[type=search], select, dialog";
+const TAKES_KEYS = "input:not([type=checkbox], [type=range]), select, dialog";
 
 export class Timeline {
   #run;

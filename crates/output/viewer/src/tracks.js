@@ -19,6 +19,7 @@ export class Tracks {
   #ticks = document.getElementById("ticks");
   #objects;
   #shown;
+  #isWanted = () => true;
   #buttons = new Map();
   #selected = 0;
   #frame = 0;
@@ -28,12 +29,8 @@ export class Tracks {
   constructor(run, clock, actions) {
     this.#clock = clock;
     this.#actions = actions;
-    const first = ({ seen }) => seen[0]?.[0] ?? Infinity;
-    const shown = run.objects.filter((object) => counts(object) && object.seen.length > 0);
-    this.#objects = shown.sort((one, other) => first(one) - first(other) || one.id - other.id);
-    for (const object of this.#objects) this.#buttons.set(object.id, this.#button(object));
     document.getElementById("unit").textContent = clock.isReal ? "time" : "frame";
-    this.show(() => true);
+    this.update(run.objects);
     this.#names.addEventListener("keydown", (event) => this.#move(event));
     this.#rows.addEventListener("scroll", () => this.#draw());
     for (const canvas of [this.#spans, this.#ticks]) this.#listen(canvas);
@@ -41,30 +38,49 @@ export class Tracks {
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#draw());
   }
 
-  #button(object) {
-    const name = nameOf(object.id, object);
-    const button = element("button", { type: "button", title: `${name}: ${counted(object.frames, "frame")}` }, [swatch(object), name]);
-    button.dataset.object = object.id;
-    button.setAttribute("aria-pressed", "false");
-    button.addEventListener("click", () => this.#actions.pick(object.id));
+  #button(id) {
+    const button = element("button", { type: "button" });
+    button.dataset.object = id;
+    button.setAttribute("aria-pressed", String(id === this.#selected));
+    button.addEventListener("click", () => this.#actions.pick(id));
     return button;
+  }
+
+  /** Shows these objects in the place of those before. */
+  update(objects) {
+    const first = ({ seen }) => seen[0]?.[0] ?? Infinity;
+    const shown = objects.filter((object) => counts(object) && object.seen.length > 0);
+    this.#objects = shown.sort((one, other) => first(one) - first(other) || one.id - other.id);
+    const known = this.#buttons;
+    this.#buttons = new Map(this.#objects.map((object) => [object.id, known.get(object.id) ?? this.#button(object.id)]));
+    for (const object of this.#objects) describe(this.#buttons.get(object.id), object);
+    this.#showRows();
   }
 
   /** Shows the rows of the objects for which `isWanted(id)` is true. */
   show(isWanted) {
-    this.#shown = this.#objects.filter(({ id }) => isWanted(id));
-    this.#names.replaceChildren(...this.#shown.map(({ id }) => element("li", {}, [this.#buttons.get(id)])));
+    this.#isWanted = isWanted;
+    this.#showRows();
+  }
+
+  #showRows() {
+    this.#shown = this.#objects.filter(({ id }) => this.#isWanted(id));
+    const buttons = this.#shown.map(({ id }) => this.#buttons.get(id));
+    const rows = this.#names.children;
+    const isSame = buttons.length === rows.length && buttons.every((button, row) => rows[row].firstChild === button);
+    if (!isSame) this.#names.replaceChildren(...buttons.map((button) => element("li", {}, [button])));
     this.#draw();
   }
 
   /** Highlights an object, or none, and scrolls to it. */
   mark(id) {
     this.#buttons.get(this.#selected)?.setAttribute("aria-pressed", "false");
+    const isNew = this.#selected !== id;
     this.#selected = id;
     this.#buttons.get(id)?.setAttribute("aria-pressed", "true");
     const row = this.#shown.findIndex((object) => object.id === id);
     // The names' own `scrollIntoView` would move the page, too.
-    if (row >= 0) this.#scrollTo(row * ROW);
+    if (row >= 0 && isNew) this.#scrollTo(row * ROW);
     this.#draw();
   }
 
@@ -168,4 +184,11 @@ export class Tracks {
     const style = getComputedStyle(document.documentElement);
     return { context, width, height, xOf, color: (name) => style.getPropertyValue(name).trim() };
   }
+}
+
+/** Writes an object's name into its row. */
+function describe(button, object) {
+  const name = nameOf(object.id, object);
+  button.title = `${name}: ${counted(object.frames, "frame")}`;
+  if (button.textContent !== name) button.replaceChildren(swatch(object), name);
 }

@@ -90,7 +90,7 @@ fn score_scene(job: &BatchJob, settings: &Settings) -> Result<Option<VideoScore>
     }
     // Frames that could not be used are counted in the summary and scored as empty.
     let (missing, ids) = (MissingFrames::Allowed, Ids::Lasting);
-    let options = EvaluationOptions { score: job.score, missing, ids, video: None, min_score: 0.0 };
+    let options = EvaluationOptions { score: job.score, missing, ids, video: None, min_score: 0.0, truth: None };
     let found = evaluate(scene.as_ref(), &settings.dataset, Path::new(&job.out), &options);
     Ok(Some(found.map_err(Failure::input)?.score))
 }

@@ -34,8 +34,18 @@ impl Live {
 
     /// Plays the recording at this speed.
     fn play(speed: &str) -> Self {
+        Self::play_with(speed, &[])
+    }
+
+    fn play_with(speed: &str, more: &[&str]) -> Self {
         let mut command = stoppable_splatseg();
-        command.arg("live").arg(recording()).args(["--view=127.0.0.1:0", "--speed", speed, "--threads", "2"]);
+        command.arg("live").arg(recording()).args(more).args([
+            "--view=127.0.0.1:0",
+            "--speed",
+            speed,
+            "--threads",
+            "2",
+        ]);
         let mut child =
             command.args(["--world-frame", "map"]).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
@@ -123,6 +133,59 @@ fn the_page_in_a_browser_says_where_poses_come_from_and_when_the_session_ends() 
     assert_eq!(browser.value("document.getElementById('drawn').style.opacity"), "0");
     browser.wait_for(&says("the session has ended"));
     assert_eq!(browser.value("document.documentElement.dataset.state"), "ended");
+    assert_eq!(browser.errors, [] as [String; 0]);
+}
+
+#[test]
+fn the_live_page_has_a_timeline_isolates_objects_and_merges_them_in_the_saved_map() {
+    let test = "the_live_page_has_a_timeline_isolates_objects_and_merges_them_in_the_saved_map";
+    let Some(mut browser) = Browser::start(test, 1440, 900) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("home.ply");
+    let mut live = Live::play_with("0.03", &["--map", map.to_str().unwrap()]);
+    browser.open_url(&format!("http://{}/?token={}", live.address, live.token));
+    // Rows of objects that count, with bars in their colours; tentative ones are folded away in the list.
+    browser.wait_for(
+        "window.splatsegPage?.run.objects.filter(({ state, box }) => state === 'remembered' && box).length > 3",
+    );
+    browser.wait_for(
+        "(() => { const rows = [...document.querySelectorAll('#tracks button')].map(({ dataset }) => Number(dataset.object)); \
+         const { run } = splatsegPage; return rows.length > 3 && rows.every((id) => run.byId.get(id)?.state === 'remembered'); })()",
+    );
+    browser.wait_for(
+        "[...document.querySelectorAll('#list li:not([hidden]) button')].every(({ dataset }) => \
+         splatsegPage.run.byId.get(Number(dataset.object))?.state === 'remembered')",
+    );
+    browser.wait_for(
+        "(() => { const canvas = document.getElementById('spans'); const id = Number(document.querySelector('#tracks button').dataset.object); \
+         const { color } = splatsegPage.run.byId.get(id); const data = canvas.getContext('2d').getImageData(0, 9, canvas.width, 1).data; \
+         for (let at = 0; at < data.length; at += 4) if (color.every((value, channel) => value === data[at + channel])) return true; \
+         return false; })()",
+    );
+    let ids = browser.value(
+        "splatsegPage.run.objects.filter(({ state, box }) => state === 'remembered' && box).map(({ id }) => id) \
+         .sort((one, other) => one - other).slice(0, 2)",
+    );
+    let [into, from] = [0, 1].map(|place| ids[place].as_u64().unwrap());
+    browser.wait_for("splatsegPage.map() !== null");
+    browser.click_on(&format!("#tracks [data-object='{from}']"));
+    browser.press("i");
+    let is_alone = format!(
+        "[...splatsegPage.map().splats.ids].every((id, at) => (id === {from}) === Boolean(splatsegPage.map().splats.shown[at]))"
+    );
+    browser.wait_for(&is_alone);
+    browser.press("i");
+    browser.press("u");
+    browser.click_on(&format!("#tracks [data-object='{into}']"));
+    browser.click_on("#merge");
+    browser.wait_for(&format!("document.documentElement.dataset.object === '{into}'"));
+    browser.wait_for(&format!(
+        "!splatsegPage.run.byId.has({from}) && splatsegPage.run.byId.has({into}) && !splatsegPage.map().splats.ids.includes({from})"
+    ));
+    browser.wait_for("document.documentElement.dataset.state === 'ended'");
+    assert!(live.child.wait().unwrap().success());
+    let list = splatseg::pipeline::NamedMap::load(&map).unwrap().object_list();
+    assert!(list.get(from as u32).is_none() && list.get(into as u32).is_some());
     assert_eq!(browser.errors, [] as [String; 0]);
 }
 

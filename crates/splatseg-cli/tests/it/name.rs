@@ -48,6 +48,37 @@ fn labels_are_given_by_hand_and_found() {
     assert!(ended.code == 0 && !ended.out.contains("mug"), "{}", ended.out);
     let found = finish(splatseg().arg("find").arg(&named).arg("mug"));
     assert!(found.code == 0 && found.out.contains("the labels are arm chair"), "{}", found.out);
+
+    merged_by_hand(&named, &objects.iter().map(|object| object.id).collect::<Vec<_>>());
+}
+
+/// Merges objects of a map, of which the second one has a label.
+fn merged_by_hand(map: &Path, ids: &[u32]) {
+    let (into, from) = (ids[0].min(ids[1]), ids[0].max(ids[1]));
+    let points = |id: u32| {
+        let list = NamedMap::load(map).unwrap().object_list();
+        list.get(id).and_then(|object| Some(object.shape.as_ref()?.points))
+    };
+    let before = points(into).unwrap() + points(from).unwrap();
+    for (wrong, said) in
+        [(format!("merge:{from}=x"), "found \"x\""), (format!("merge:{from}={from}"), "two or more to merge")]
+    {
+        let ended = name(map, &[&wrong]);
+        assert!(ended.code == 2 && ended.err.contains(said), "{}", ended.err);
+    }
+    let ended = name(map, &["merge:99999=1"]);
+    assert!(ended.code == 2 && ended.err.contains("found no object 99999"), "{}", ended.err);
+    // From a file, as the page saves it.
+    let changes = map.with_extension("csv");
+    fs::write(&changes, format!("id,label\nmerge:{from},{into}\n")).unwrap();
+    let ended = name(map, &["--labels", changes.to_str().unwrap()]);
+    assert!(
+        ended.code == 0 && ended.out.contains(&format!("{into} arm chair (by hand)")),
+        "{}{}",
+        ended.out,
+        ended.err
+    );
+    assert_eq!((points(into), points(from)), (Some(before), None));
 }
 
 #[test]

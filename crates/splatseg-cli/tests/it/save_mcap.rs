@@ -143,7 +143,8 @@ fn check_boxes(topics: &BTreeMap<String, Vec<mcap::Message<'static>>>, list: &Ob
     for (update, markers) in updates.iter().zip(markers) {
         let until = update.log_time;
         let expected: BTreeMap<SegmentId, (OrientedBox, u64)> = list
-            .all()
+            .objects
+            .iter()
             .filter_map(|object| {
                 let first = object.first_frame.as_ref()?.number as u64 * INTERVAL;
                 Some((object.id, (object.shape.as_ref()?.oriented_box, first)))
@@ -180,7 +181,7 @@ fn check_boxes(topics: &BTreeMap<String, Vec<mcap::Message<'static>>>, list: &Ob
         }
     }
     let last: MarkerArray<'_> = from_cdr(&markers.last().unwrap().data).unwrap();
-    assert_eq!(last.markers.len(), 2 * list.all().filter(|object| object.shape.is_some()).count());
+    assert_eq!(last.markers.len(), 2 * list.objects.iter().filter(|object| object.shape.is_some()).count());
 }
 
 #[test]

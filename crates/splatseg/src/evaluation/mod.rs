@@ -19,11 +19,12 @@ pub use scoring::Ids;
 pub use trajectory::SceneTrajectory;
 
 use frames::check_predictions;
-use scoring::Scoring;
-use splatseg_annotations::{AnnotationError, PredictionChoice, Predictions, SelectedFrames};
+use scoring::{Scoring, Truth};
+use splatseg_annotations::{AnnotationError, Prediction, PredictionChoice, Predictions, SelectedFrames};
 use splatseg_dataset::{DatasetSettings, Scene};
+use splatseg_geometry::SegmentMap;
 use splatseg_metrics::{ScoreSettings, VideoScore, VideoScorer};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Options for scoring predictions.
 #[derive(Clone, Debug)]
@@ -39,6 +40,8 @@ pub struct EvaluationOptions {
     pub video: Option<String>,
     /// Predictions with a lower score are left out.
     pub min_score: f64,
+    /// Folder of another run, or of id images, whose ids are the truth. `None` for the scene's.
+    pub truth: Option<PathBuf>,
 }
 
 /// The result of scoring a video.
@@ -48,6 +51,17 @@ pub struct Evaluation {
     pub score: VideoScore,
     /// Numbers of frames that were left out or scored as empty.
     pub missing: MissingCounts,
+}
+
+/// A frame with its ground truth, as it is scored.
+#[derive(Clone, Copy, Debug)]
+pub struct ScoredFrame<'a> {
+    /// The frame's id image, if the predictions are a folder of them.
+    pub image: Option<&'a Path>,
+    /// True ids, `[height, width]`, 0 for none.
+    pub truth: &'a SegmentMap,
+    /// What was predicted, of the same size.
+    pub prediction: &'a Prediction,
 }
 
 /// Scores the predictions at `path` on the frames of a scene that `dataset` selects. `path` is a folder of id images, the
@@ -62,15 +76,32 @@ pub fn evaluate(
     path: &Path,
     options: &EvaluationOptions,
 ) -> Result<Evaluation, EvaluationError> {
-    if !scene.has_ground_truth() {
+    evaluate_each(scene, dataset, path, options, &mut |_| {})
+}
+
+/// As [`evaluate`]; `each` is called with every frame. With `options.truth`, the ids of another run are the truth.
+///
+/// # Errors
+/// As [`evaluate`].
+pub fn evaluate_each(
+    scene: &dyn Scene,
+    dataset: &DatasetSettings,
+    path: &Path,
+    options: &EvaluationOptions,
+    each: &mut dyn FnMut(&ScoredFrame<'_>),
+) -> Result<Evaluation, EvaluationError> {
+    if options.truth.is_none() && !scene.has_ground_truth() {
         return Err(AnnotationError::at(Path::new(scene.name()), "the scene has no ground truth").into());
     }
     let frames = SelectedFrames::new(scene, dataset)?;
     let (video, min_score) = (options.video.as_deref(), options.min_score);
     let predictions = Predictions::open(path, &frames, &PredictionChoice { video, min_score, scene: scene.name() })?;
     let mut missing = check_predictions(&frames, &predictions, options.missing)?;
-    let scoring = Scoring { scene, dataset, frames: &frames, predictions: &predictions, ids: options.ids };
-    let (score, unlabelled) = scoring.run(VideoScorer::new(options.score), options.missing)?;
+    let choice = PredictionChoice { video: None, min_score, scene: scene.name() };
+    let other = options.truth.as_ref().map(|path| Predictions::open(path, &frames, &choice)).transpose()?;
+    let truth = other.as_ref().map_or(Truth::Scene(scene), Truth::OtherRun);
+    let scoring = Scoring { truth, dataset, frames: &frames, predictions: &predictions, ids: options.ids };
+    let (score, unlabelled) = scoring.run(VideoScorer::new(options.score), options.missing, each)?;
     missing.unlabelled_frames = unlabelled;
     Ok(Evaluation { score, missing })
 }

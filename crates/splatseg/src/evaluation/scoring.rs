@@ -1,9 +1,9 @@
 //! Scores predictions against a scene's ground truth, frame by frame.
 
 use super::frames::count_and_names;
-use super::{EvaluationError, MissingFrames};
+use super::{EvaluationError, MissingFrames, ScoredFrame};
 use splatseg_annotations::{AnnotationError, Fit, Prediction, Predictions, SelectedFrames};
-use splatseg_dataset::{DatasetSettings, Scene};
+use splatseg_dataset::{DatasetSettings, Scene, read_segments_png};
 use splatseg_geometry::{Mask, SegmentId, SegmentMap};
 use splatseg_metrics::{FramePrediction, MetricsError, VideoScore, VideoScorer};
 
@@ -16,10 +16,48 @@ pub enum Ids {
     PerFrame,
 }
 
-/// The predictions to score, with the scene and the frames.
+/// Where true ids are from.
+#[derive(Clone, Copy)]
+pub enum Truth<'a> {
+    /// The ground truth of a scene.
+    Scene(&'a dyn Scene),
+    /// The id images of another run.
+    OtherRun(&'a Predictions),
+}
+
+impl Truth<'_> {
+    /// The true ids of a frame with their size before framing; `None` if there are none.
+    fn read(
+        &self,
+        index: usize,
+        name: &str,
+        dataset: &DatasetSettings,
+    ) -> Result<Option<(SegmentMap, Fit)>, EvaluationError> {
+        let framing = dataset.framing();
+        let fit = |original, framed: &SegmentMap| Fit { framing, original, framed: framed.size() };
+        match self {
+            Self::Scene(scene) => {
+                let Some(truth) = scene.read_ground_truth(index)? else { return Ok(None) };
+                let original = truth.size();
+                let truth = framing.apply_to_labels(truth)?;
+                let fit = fit(original, &truth);
+                Ok(Some((truth, fit)))
+            }
+            // A run has framed them.
+            Self::OtherRun(run) => {
+                let Some(image) = run.image_of(name) else { return Ok(None) };
+                let truth = read_segments_png(&image)?;
+                let fit = fit(truth.size(), &truth);
+                Ok(Some((truth, fit)))
+            }
+        }
+    }
+}
+
+/// The predictions to score, with the truth and the frames.
 pub struct Scoring<'a> {
-    /// The scene with its ground truth.
-    pub scene: &'a dyn Scene,
+    /// The true ids.
+    pub truth: Truth<'a>,
     /// Dataset settings.
     pub dataset: &'a DatasetSettings,
     /// The frames to score.
@@ -32,17 +70,22 @@ pub struct Scoring<'a> {
 
 impl Scoring<'_> {
     /// Returns the video's score, and the number of frames without ground truth.
-    pub fn run(&self, mut scorer: VideoScorer, missing: MissingFrames) -> Result<(VideoScore, usize), EvaluationError> {
+    /// `each` is called with every other one.
+    pub fn run(
+        &self,
+        mut scorer: VideoScorer,
+        missing: MissingFrames,
+        each: &mut dyn FnMut(&ScoredFrame<'_>),
+    ) -> Result<(VideoScore, usize), EvaluationError> {
         let mut unlabelled = Vec::new();
         for (index, name) in self.frames.selected() {
-            let Some(truth) = self.scene.read_ground_truth(*index)? else {
+            let Some((truth, fit)) = self.truth.read(*index, name, self.dataset)? else {
                 unlabelled.push(name.as_str());
                 continue;
             };
-            let original = truth.size();
-            let truth = self.dataset.framing().apply_to_labels(truth)?;
-            let fit = Fit { framing: self.dataset.framing(), original, framed: truth.size() };
             let prediction = self.predictions.read(name, &fit)?;
+            let image = self.predictions.image_of(name);
+            each(&ScoredFrame { image: image.as_deref(), truth: &truth, prediction: &prediction });
             score_frame(&mut scorer, &truth, &prediction, self.ids)
                 .map_err(|error| AnnotationError::at(self.predictions.path(), format!("frame {name}: {error}")))?;
         }

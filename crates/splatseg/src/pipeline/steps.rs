@@ -175,16 +175,13 @@ impl Pipeline {
         let remapped = correction.map_or_else(Vec::new, |correction| self.method.correct_map(&correction));
         if !remapped.is_empty() {
             self.poses.receive(MethodFindings { remapped: &remapped, segments: None });
-            self.objects.remap(&remapped);
-            self.names.remap(&remapped);
-            self.history.remap(&remapped);
+            self.remap_known(&remapped);
         }
         if let Some(depth) = &mut self.depth {
             let memory = self.method.memory();
             in_thread_pool(|| depth.after_pose(frame, memory, &pose));
         }
         self.method.set_anchor(&anchor);
-        self.unreported.remapped.extend(remapped);
         self.unreported.events.extend(events);
         self.unreported.doubts.extend(doubts);
         // The next frame is segmented before its pose is known, so each frame's turn is that of the frame before.
@@ -192,6 +189,14 @@ impl Pipeline {
             if self.segmenter.prefers_upright() { self.rotate.turn().unwrap_or(turn) } else { QuarterTurn::None };
         let turn = std::mem::replace(&mut self.turn, next);
         Ok(Placed { pose, anchor, turn, time })
+    }
+
+    /// Ids of the map turned out to be other ids' objects: so do those of what is known of them, and the next result tells it.
+    pub(super) fn remap_known(&mut self, remapped: &[RemappedId]) {
+        self.objects.remap(remapped);
+        self.names.remap(remapped);
+        self.history.remap(remapped);
+        self.unreported.remapped.extend(remapped);
     }
 
     /// Passes what the method has found to the source of poses, keeps views of the objects and names them, and adds

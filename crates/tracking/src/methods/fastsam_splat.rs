@@ -359,6 +359,10 @@ impl Method for FastSamSplat {
         self.memory.correct(correction)
     }
 
+    fn merge_objects(&mut self, remapped: &[RemappedId]) {
+        self.memory.merge_objects(remapped);
+    }
+
     /// Memories of features forget in every frame that does not confirm them: at the end they know less than before.
     fn settle(&mut self) -> bool {
         self.memory.settle()

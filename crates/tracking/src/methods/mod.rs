@@ -68,6 +68,10 @@ pub trait Method: Send {
         Vec::new()
     }
 
+    /// Makes the first of each of these ids' objects part of the second's, as a person says; see
+    /// [`SplatMemory::merge_objects`]. By default nothing happens.
+    fn merge_objects(&mut self, _remapped: &[RemappedId]) {}
+
     /// Decides earlier frames again, from all that the method knows now; `None` if it cannot.
     fn hindsight(&self) -> Option<&dyn Hindsight> {
         None

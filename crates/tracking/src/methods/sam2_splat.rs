@@ -202,6 +202,11 @@ impl Method for Sam2Splat {
         remapped
     }
 
+    fn merge_objects(&mut self, remapped: &[RemappedId]) {
+        self.memory.merge_objects(remapped);
+        remapped.iter().for_each(|ids| self.tracker.remove(ids.from));
+    }
+
     fn memory(&self) -> Option<&SplatMemory> {
         Some(&self.memory)
     }

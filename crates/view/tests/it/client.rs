@@ -1,6 +1,7 @@
 //! A small HTTP and websocket client, independent of the server's libraries.
 
 use splatseg_geometry::{Image, Intrinsics, Pose};
+use splatseg_objects::ObjectState;
 use splatseg_view::{Token, ViewFrame, ViewLimits, ViewObject, ViewOptions, ViewServer, ViewStatus};
 use std::io::{Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpStream};
@@ -51,7 +52,14 @@ pub fn frame(number: usize, width: usize, height: usize) -> ViewFrame {
             width,
             height,
         },
-        objects: vec![ViewObject { id: 7, label: Some("mug".to_owned()), oriented_box: None, frames: number + 1 }],
+        objects: vec![ViewObject {
+            id: 7,
+            label: Some("mug".to_owned()),
+            oriented_box: None,
+            frames: number + 1,
+            state: Some(ObjectState::Remembered),
+            seen: vec![(0.0, 0.1 * number as f64)],
+        }],
         status: ViewStatus { dropped: 3, is_pose_given: number == 5, delay: None, lines: vec!["a warning".to_owned()] },
     }
 }

@@ -104,14 +104,16 @@ fn large_frames_are_reduced() {
 fn without_viewers_nothing_is_made() {
     let server = start(ViewLimits::default());
     for index in 0..10_000 {
-        server.publish_frame(Some(&pose_at(f64::from(index), 0.0, 0.0)), || unreachable!("nobody watches"));
+        server.publish_frame(Some(&pose_at(f64::from(index), 0.0, 0.0)), || -> ViewFrame {
+            unreachable!("nobody watches")
+        });
     }
 }
 
 #[test]
 fn a_page_that_comes_later_gets_the_path_and_the_latest_frame() {
     let server = start(ViewLimits::default());
-    server.publish_frame(Some(&pose_at(1.0, 0.0, 0.0)), || unreachable!("nobody watches"));
+    server.publish_frame(Some(&pose_at(1.0, 0.0, 0.0)), || -> ViewFrame { unreachable!("nobody watches") });
     let mut first = watched(&server);
     server.publish_frame(None, || frame(1, 32, 24));
     server.publish_frame(Some(&pose_at(3.0, 0.0, 0.0)), || frame(2, 32, 24));
@@ -204,7 +206,7 @@ fn viewers_find_objects_and_name_them_if_the_program_answers() {
     server.answer_with(Arc::new(|request| match request {
         ViewRequest::Find(text) if text == "mug" => Ok(ViewAnswer::Found(vec![(7, 0.5), (3, 0.25)])),
         ViewRequest::Find(_) => Err("no names".to_owned()),
-        ViewRequest::Name(..) => Ok(ViewAnswer::Named),
+        ViewRequest::Name(..) | ViewRequest::Merge(_) => Ok(ViewAnswer::Done),
     }));
     let mut page = watched(&server);
     assert_eq!(page.page_message("hello").unwrap().0["answers"], json!(true));
