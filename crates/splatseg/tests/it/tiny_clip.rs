@@ -31,7 +31,8 @@ pub fn write_network(path: &Path) {
 
 /// Writes a network of `tests/data` with all rows of its token embedding, of which the file has those that are used.
 pub fn write_network_of(name: &str, path: &Path) {
-    let file = format!("{}/tests/data/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
+    // Also from a crate beside this one.
+    let file = format!("{}/../splatseg/tests/data/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
     let bytes = std::fs::read(file).unwrap();
     let (_, metadata) = SafeTensors::read_metadata(&bytes).unwrap();
     let tensors = SafeTensors::deserialize(&bytes).unwrap();
