@@ -12,13 +12,14 @@ import argparse
 import glob
 import json
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy
 import torch
+from safetensors.torch import load_file
 from torch import nn
 from torch.nn import functional
 
@@ -26,8 +27,6 @@ from . import colour, dataset
 from .words import ANYTHING, Sizes, TinyClip, export, prompt, tokenise
 
 SIZES = Sizes(side=48, patch=12, width=96, blocks=4, text_width=32, embedding=64)
-# Share of the patches that a sample shows.
-SHARE = 0.6
 # Crops are kept a little larger, so that samples can be cut out of them at random.
 KEPT = 56
 MIN_PIXELS = 60
@@ -88,11 +87,22 @@ def masks_of(view, found, random):
     yield window, 0
 
 
+def painted(view, kinds, palette, random):
+    """A view without colour in the colours that things of these kinds have elsewhere."""
+    colours = numpy.zeros((int(view.ids.max()) + 1, 3))
+    for thing in numpy.unique(view.ids):
+        known = palette[kinds[str(thing)]] if thing else []
+        colours[thing] = known[random.integers(len(known))] if known else random.uniform(40, 200, 3)
+    return colour.shaded(view.depth / numpy.float32(1000), colours[view.ids], view.camera, random)
+
+
 def read_crops(folders, kinds, random):
     """The crops of all views of rooms. Things of other kinds than `kinds` are left out."""
     numbers = {words[0]: number for number, words in enumerate(kinds)}
     images, masks, chosen, things = [], [], [], []
-    for folder in map(Path, folders):
+    # Mean colours of things of each kind, for views without colour.
+    palette = defaultdict(list)
+    for folder in sorted(map(Path, folders), key=lambda folder: not (folder / "color").exists()):
         description = json.loads((folder / "objects.json").read_text())
         if description["seed"] < 1000:
             raise ValueError(f"{folder}: seed {description['seed']} is one of a room for tests")
@@ -100,12 +110,14 @@ def read_crops(folders, kinds, random):
         for place, (_, view) in enumerate(dataset.read_folder(folder)):
             seen = view.colour
             if seen is None:
-                seen = colour.paint(view.depth / numpy.float32(1000), view.ids, view.camera, random)
+                seen = painted(view, description["instances"], palette, random)
             segments = cv2.imread(str(found[place]), cv2.IMREAD_UNCHANGED) if found else None
             for mask, thing in masks_of(view, segments, random):
                 kind = description["instances"][str(thing)] if thing else None
                 if mask.sum() < MIN_PIXELS or (kind and kind not in numbers):
                     continue
+                if kind and view.colour is not None:
+                    palette[kind].append(seen[mask].mean(0))
                 image, mask = crop(seen, mask)
                 images.append(image)
                 masks.append(mask)
@@ -125,7 +137,7 @@ def dimmed(image, mask):
 
 def recoloured(image, mask, random):
     """Thing and surroundings with other colours each: a few rooms do not show all that a kind of thing can have."""
-    gains = numpy.exp(random.normal(0, 0.25, (2, 1)) + random.normal(0, 0.2, (2, 3)))
+    gains = numpy.exp(random.normal(0, 0.1, (2, 1)) + random.normal(0, 0.06, (2, 3)))
     tables = [numpy.clip(numpy.arange(256)[:, None] * gain, 0, 255).astype(numpy.uint8) for gain in gains]
     inside, around = (cv2.LUT(image, table[None]) for table in tables)
     return numpy.where(mask[..., None] > 0, inside, around)
@@ -169,21 +181,30 @@ def samples(crops, chosen, random):
         return low + (high - low) * torch.rand(len(images), 1, 1, *channels or (1,))
 
     grey = images.mean(-1, keepdim=True)
-    images = grey + uniform(0.5, 1.3) * (images - grey)
-    images = images * uniform(0.9, 1.1, 3) + uniform(-20, 20)
+    images = grey + uniform(0.7, 1.2) * (images - grey)
+    images = images * uniform(0.9, 1.1, 3) + uniform(-10, 10)
     return normalised(images + uniform(0, 4) * torch.randn(images.shape))
 
 
 def train(crops, held_out, kinds, arguments):
-    """The trained network and the tokens that it knows. Images learn first, with
-    one embedding for each kind and one for anything; then
-    texts learn these embeddings."""
+    """The trained network and the tokens that it knows. Images learn first, with one embedding for each kind and one for
+    anything; then texts learn these embeddings."""
     random = numpy.random.default_rng(arguments.seed)
     words = [word for words in kinds for word in words] + ANYTHING
     used, rows, ends = tokenise([prompt(word) for word in words])
     model = TinyClip(len(used), SIZES)
     print(f"{sum(parameter.numel() for parameter in model.parameters())} parameters", flush=True)
-    targets = nn.Parameter(torch.randn(len(kinds) + 1, SIZES.embedding))
+    targets = torch.randn(len(kinds) + 1, SIZES.embedding)
+    if arguments.start:
+        state = load_file(arguments.start)
+        if state.pop("token_rows").tolist() != used:
+            raise ValueError(f"{arguments.start}: other words")
+        state["token_embedding.weight"] = state.pop("token_embedding.rows")
+        model.load_state_dict({name: tensor.float() for name, tensor in state.items()})
+        first = [words.index(kind[0]) for kind in kinds] + [len(words) - 1]
+        with torch.no_grad():
+            targets = SIZES.embedding**0.5 * model.encode_text(rows[first], ends[first])
+    targets = nn.Parameter(targets)
     train_images(model, targets, crops, held_out, random, arguments)
     of_words = [kind for kind, words in enumerate(kinds) for _ in words]
     of_words += [len(kinds)] * len(ANYTHING)
@@ -209,7 +230,7 @@ def train_images(model, targets, crops, held_out, random, arguments):
             for group in optimiser.param_groups:
                 group["lr"] = rate * min(1, (step + 1) / 100) * 0.5 * (1 + numpy.cos(numpy.pi * share))
         chosen = random.choice(len(crops.images), arguments.batch, p=crops.weights)
-        tokens = model.visual.tokens(samples(crops, chosen, random), SHARE)
+        tokens = model.visual.tokens(samples(crops, chosen, random))
         right = crops.kinds[chosen]
         right = torch.where(right < 0, kinds, right)
         # The mean of the patches learns it too: the token of the class alone learns slowly.
@@ -270,6 +291,7 @@ def main():
         "--kinds", type=Path, required=True, help="file with a kind in each line, and other words for it"
     )
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--start", type=Path, help="network of an earlier run, to go on from")
     parser.add_argument("--steps", type=int, default=3000)
     parser.add_argument("--batch", type=int, default=48)
     parser.add_argument("--rate", type=float, default=2e-3, help="largest learning rate")

@@ -15,8 +15,8 @@ use std::sync::Arc;
 
 const TEST: &str = "most_things_of_rendered_rooms_get_the_right_name";
 const ROOMS: [&str; 2] = ["dev-a", "dev-b"];
-/// Every third frame is used.
-const STRIDE: usize = 3;
+/// Every fourth frame is used.
+const STRIDE: usize = 4;
 /// An object of which a smaller share of its pixels shows one thing is none.
 const MIN_SHARE: f64 = 0.5;
 /// Values of `clip.min_score`.
@@ -214,6 +214,23 @@ fn named_without_their_word(mut network: ClipNames, rooms: &[(Room, Names)]) -> 
     named
 }
 
+/// What wrong labels are given most often: how many objects of a kind have which.
+fn confusions(rooms: &[(Room, Names)], network: &ClipNames) -> Vec<(usize, String, String)> {
+    let mut counts: BTreeMap<(String, String), usize> = BTreeMap::new();
+    for (room, names) in rooms {
+        for (id, name) in names.choose(network, room) {
+            let label = name.label.unwrap_or_else(|| "unknown".to_owned());
+            if label != room.kind(id) {
+                *counts.entry((room.kind(id).to_owned(), label)).or_default() += 1;
+            }
+        }
+    }
+    let mut counts: Vec<_> = counts.into_iter().map(|((kind, label), count)| (count, kind, label)).collect();
+    counts.sort_by_key(|other| std::cmp::Reverse(other.0));
+    counts.truncate(12);
+    counts
+}
+
 /// The texts whose first object is a wrong one, or that find none.
 fn wrong_queries(rooms: &[(Room, Names)], with_network: bool) -> Vec<&'static str> {
     let is_wrong = |(name, text, meant): &(&str, &'static str, &[SegmentId])| {
@@ -241,6 +258,7 @@ fn most_things_of_rendered_rooms_get_the_right_name() {
         rooms.push((room, names));
     }
     println!("several views: {several:?}\nthe largest view: {largest:?}");
+    println!("wrong most often: {:?}", confusions(&rooms, &network));
     let without_word = named_without_their_word(files.names(), &rooms);
     for (min_score, named) in MIN_SCORES.into_iter().zip(without_word) {
         network = network.with_min_score(min_score);
