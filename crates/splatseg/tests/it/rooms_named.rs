@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-const TEST: &str = "most_things_of_rendered_rooms_get_the_right_name";
+const TEST: &str = "things_of_rendered_rooms_get_names";
 const ROOMS: [&str; 2] = ["dev-a", "dev-b"];
 /// Every fourth frame is used.
 const STRIDE: usize = 4;
@@ -245,7 +245,7 @@ fn wrong_queries(rooms: &[(Room, Names)], with_network: bool) -> Vec<&'static st
 }
 
 #[test]
-fn most_things_of_rendered_rooms_get_the_right_name() {
+fn things_of_rendered_rooms_get_names() {
     let files = Files::new();
     let (settings, mut network) = (files.settings(), files.names());
     let (mut rooms, mut several, mut largest) = (Vec::new(), Counts::default(), Counts::default());
@@ -271,6 +271,7 @@ fn most_things_of_rendered_rooms_get_the_right_name() {
     }
     let (with, without) = (wrong_queries(&rooms, true), wrong_queries(&rooms, false));
     println!("of {} texts, wrong are {with:?} with the network, {without:?} by labels and colours", QUERIES.len());
+    // docs/NAMES.md has what was wanted, and why it is not more.
     assert!(5 * several.right >= several.all, "{several:?}");
     assert!(several.right + 3 >= largest.right, "{several:?}, {largest:?}");
 }
