@@ -28,6 +28,11 @@ def paint(z, ids, camera, rng):
     return _bytes(_textured(albedo, ids, rng.uniform(0.2, 1.0) * _calm(rng), rng) * _shading(z, camera, rng)[..., None])
 
 
+def shaded(z, albedo, camera, rng):
+    """A view [H, W, 3] without colour in these colours [H, W, 3], with shading from the depth."""
+    return _bytes(albedo * _shading(z, camera, rng)[..., None])
+
+
 def photograph(rgb, rng, shift=0.6):
     """Patterns and shadows that belong to no object, then light, camera and noise.
 

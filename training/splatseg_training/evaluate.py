@@ -32,9 +32,7 @@ def main():
     parser.add_argument("folders", nargs="+", metavar="FOLDER")
     parser.add_argument("--thresholds", type=float, nargs="+", default=THRESHOLDS)
     parser.add_argument("--every", type=int, default=1, help="use every n-th frame")
-    parser.add_argument(
-        "--without", choices=sorted(CHANNELS), help="omit these channels, as training sometimes does"
-    )
+    parser.add_argument("--without", choices=sorted(CHANNELS), help="omit these channels, as training sometimes does")
     parser.add_argument(
         "--best-of-all", action="store_true", help="instead, how well the best segments of all thresholds fit"
     )

@@ -8,6 +8,7 @@ prompts use: `token_rows` has their numbers. Tests fill the others with zeros. N
 """
 
 import argparse
+import dataclasses
 import json
 import time
 from pathlib import Path
@@ -19,8 +20,7 @@ from safetensors.torch import save_file
 from torch import nn
 from torch.nn import functional
 
-SIDE, PATCH, WIDTH, BLOCKS, HEAD = 32, 8, 48, 2, 16
-TEXT_WIDTH, CONTEXT, EMBEDDING = 32, 12, 32
+HEAD, CONTEXT = 16, 12
 SHAPES = ["ball", "box", "cone"]
 COLORS = {
     "red": (190, 30, 35),
@@ -31,6 +31,21 @@ COLORS = {
     "black": (30, 30, 30),
 }
 ANYTHING = ["object", "thing", "surface", "background", "part of something", "room"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Sizes:
+    """Sizes of a network. Images have sides of `side` pixels."""
+
+    side: int
+    patch: int
+    width: int
+    blocks: int
+    text_width: int
+    embedding: int
+
+
+DRAWINGS = Sizes(side=32, patch=8, width=48, blocks=2, text_width=32, embedding=32)
 
 
 def prompt(word):
@@ -57,34 +72,46 @@ def blocks(width, count):
 
 
 class Visual(nn.Module):
-    def __init__(self):
+    def __init__(self, sizes):
         super().__init__()
-        count = (SIDE // PATCH) ** 2 + 1
-        self.conv1 = nn.Conv2d(3, WIDTH, PATCH, PATCH, bias=False)
-        self.class_embedding = nn.Parameter(0.1 * torch.randn(WIDTH))
-        self.positional_embedding = nn.Parameter(0.1 * torch.randn(count, WIDTH))
-        self.ln_pre, self.ln_post = nn.LayerNorm(WIDTH), nn.LayerNorm(WIDTH)
-        self.transformer = blocks(WIDTH, BLOCKS)
-        self.proj = nn.Parameter(WIDTH**-0.5 * torch.randn(WIDTH, EMBEDDING))
+        width, count = sizes.width, (sizes.side // sizes.patch) ** 2 + 1
+        self.conv1 = nn.Conv2d(3, width, sizes.patch, sizes.patch, bias=False)
+        self.class_embedding = nn.Parameter(0.1 * torch.randn(width))
+        self.positional_embedding = nn.Parameter(0.1 * torch.randn(count, width))
+        self.ln_pre, self.ln_post = nn.LayerNorm(width), nn.LayerNorm(width)
+        self.transformer = blocks(width, sizes.blocks)
+        self.proj = nn.Parameter(width**-0.5 * torch.randn(width, sizes.embedding))
 
-    def forward(self, images):
-        tokens = self.conv1(images).flatten(2).transpose(1, 2)
-        tokens = torch.cat([self.class_embedding.expand(len(tokens), 1, -1), tokens], 1) + self.positional_embedding
-        tokens = self.ln_pre(tokens)
+    def tokens(self, images, share=1.0):
+        """The token of the class, then those of a share of the patches."""
+        tokens = self.conv1(images).flatten(2).transpose(1, 2) + self.positional_embedding[1:]
+        if share < 1:
+            tokens = tokens[:, torch.randperm(tokens.shape[1])[: round(share * tokens.shape[1])]]
+        first = self.class_embedding + self.positional_embedding[0]
+        tokens = self.ln_pre(torch.cat([first.expand(len(tokens), 1, -1), tokens], 1))
         for block in self.transformer["resblocks"]:
             tokens = block(tokens)
-        return functional.normalize(self.ln_post(tokens[:, 0]) @ self.proj, dim=-1)
+        return tokens
+
+    def embedded(self, token):
+        return functional.normalize(self.ln_post(token) @ self.proj, dim=-1)
+
+    def forward(self, images):
+        return self.embedded(self.tokens(images)[:, 0])
 
 
 class TinyClip(nn.Module):
-    def __init__(self, rows):
+    """Towers for images and for texts of the tokens in `rows`."""
+
+    def __init__(self, rows, sizes):
         super().__init__()
-        self.visual = Visual()
-        self.token_embedding = nn.Embedding(rows, TEXT_WIDTH)
-        self.positional_embedding = nn.Parameter(0.1 * torch.randn(CONTEXT, TEXT_WIDTH))
-        self.transformer = blocks(TEXT_WIDTH, 1)
-        self.ln_final = nn.LayerNorm(TEXT_WIDTH)
-        self.text_projection = nn.Parameter(TEXT_WIDTH**-0.5 * torch.randn(TEXT_WIDTH, EMBEDDING))
+        self.sizes = sizes
+        self.visual = Visual(sizes)
+        self.token_embedding = nn.Embedding(rows, sizes.text_width)
+        self.positional_embedding = nn.Parameter(0.1 * torch.randn(CONTEXT, sizes.text_width))
+        self.transformer = blocks(sizes.text_width, 1)
+        self.ln_final = nn.LayerNorm(sizes.text_width)
+        self.text_projection = nn.Parameter(sizes.text_width**-0.5 * torch.randn(sizes.text_width, sizes.embedding))
         self.logit_scale = nn.Parameter(torch.tensor(3.0))
 
     def encode_text(self, rows, ends):
@@ -96,9 +123,19 @@ class TinyClip(nn.Module):
         return functional.normalize(last @ self.text_projection, dim=-1)
 
 
+def tokenise(texts):
+    """The numbers of the tokens that texts use, sorted; each text's tokens as places in them; and where texts end."""
+    tokenizer = SimpleTokenizer(context_length=CONTEXT)
+    tokens = tokenizer(texts).numpy()
+    used = sorted(set(tokens.flatten().tolist()))
+    rows = torch.from_numpy(numpy.searchsorted(used, tokens))
+    return used, rows, torch.from_numpy((tokens == tokenizer.eot_token_id).argmax(1))
+
+
 def drawing(shape, color, random):
-    """A thing before a background: RGB [SIDE, SIDE, 3] from 0 to 255. Without a shape, the background alone."""
-    y, x = numpy.mgrid[0:SIDE, 0:SIDE] / SIDE
+    """A thing before a background: RGB [side, side, 3] from 0 to 255. Without a shape, the background alone."""
+    side = DRAWINGS.side
+    y, x = numpy.mgrid[0:side, 0:side] / side
     backdrop = random.uniform(60, 200) + random.uniform(-25, 25, 3)
     image = backdrop + random.uniform(-40, 40) * x[..., None] + random.uniform(-40, 40) * y[..., None]
     if random.random() < 0.5:
@@ -126,7 +163,7 @@ def drawing(shape, color, random):
 
 
 def drawings(count, random):
-    """Drawings [count, 3, SIDE, SIDE] from 0 to 1, and the number of shape and colour of each, -1 for none."""
+    """Drawings [count, 3, side, side] from 0 to 1, and the number of shape and colour of each, -1 for none."""
     images, shapes, colors = [], [], []
     for _ in range(count):
         shape, color = random.integers(len(SHAPES)), random.integers(len(COLORS))
@@ -140,11 +177,24 @@ def drawings(count, random):
 
 
 def export(model, used, path):
+    """Writes a network whose rows of the token embedding are those of the tokens `used`."""
+    sizes = model.sizes
     state = {name: tensor.detach().half().contiguous() for name, tensor in model.state_dict().items()}
     state["token_embedding.rows"] = state.pop("token_embedding.weight")
     state["token_rows"] = torch.tensor(used, dtype=torch.int32)
-    vision = {"image_size": SIDE, "head_width": HEAD, "width": WIDTH, "layers": BLOCKS, "patch_size": PATCH}
-    text = {"context_length": CONTEXT, "width": TEXT_WIDTH, "heads": TEXT_WIDTH // HEAD, "layers": 1}
+    vision = {
+        "image_size": sizes.side,
+        "head_width": HEAD,
+        "width": sizes.width,
+        "layers": sizes.blocks,
+        "patch_size": sizes.patch,
+    }
+    text = {
+        "context_length": CONTEXT,
+        "width": sizes.text_width,
+        "heads": sizes.text_width // HEAD,
+        "layers": 1,
+    }
     configuration = {
         "vision_cfg": vision,
         "text_cfg": text,
@@ -162,15 +212,11 @@ def main():
     arguments = parser.parse_args()
     torch.manual_seed(arguments.seed)
     random = numpy.random.default_rng(arguments.seed)
-    tokenizer = SimpleTokenizer(context_length=CONTEXT)
     pairs = [f"{color} {shape}" for shape in SHAPES for color in COLORS]
     texts = [prompt(word) for word in pairs + SHAPES + list(COLORS) + ANYTHING]
-    tokens = tokenizer(texts).numpy()
-    used = sorted(set(tokens.flatten().tolist()))
-    rows = torch.from_numpy(numpy.searchsorted(used, tokens))
-    ends = torch.from_numpy((tokens == tokenizer.eot_token_id).argmax(1))
+    used, rows, ends = tokenise(texts)
     groups = numpy.cumsum([len(pairs), len(SHAPES), len(COLORS), len(ANYTHING)])
-    model = TinyClip(len(used))
+    model = TinyClip(len(used), DRAWINGS)
     print(f"{sum(parameter.numel() for parameter in model.parameters())} parameters")
     optimiser = torch.optim.AdamW(model.parameters(), 2e-3, weight_decay=0.02)
     started, step = time.time(), 0

@@ -53,5 +53,7 @@ mod settings;
 mod standins;
 mod support;
 mod terminal;
+#[path = "../../../splatseg/tests/it/tiny_clip.rs"]
+mod tiny_clip;
 mod trajectory;
 mod tutorial;

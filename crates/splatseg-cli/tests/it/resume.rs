@@ -4,6 +4,7 @@
 
 use crate::support::nearly_full::save_nearly_full_memory;
 use crate::support::{Ended, FEATURES, finish, read_json, splatseg, stoppable_splatseg};
+use crate::tiny_clip::{write_network, write_vocabulary};
 use splatseg_test_scenes::file_contents;
 use std::collections::BTreeMap;
 use std::fs;
@@ -156,6 +157,27 @@ fn a_resumed_run_with_ids_above_16_bits_writes_the_same_bytes() {
     let rgb_images = |out: &Path| read_json(&out.join("summary.json"))["rgb_id_images"].as_u64();
     assert_eq!(rgb_images(&whole), rgb_images(&out));
     assert!(rgb_images(&out) > Some(0), "no id is above 65535");
+}
+
+#[test]
+fn objects_of_a_resumed_run_have_the_same_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let [network, things, map, last] =
+        ["tiny.safetensors", "things.txt", "whole.ply", "out.ply"].map(|name| folder.path().join(name));
+    write_network(&network);
+    write_vocabulary(&things, &[]);
+    let [network, things, map_text, last_text] = [&network, &things, &map, &last].map(|path| path_text(path));
+    let names = ["--names", &network, "--vocabulary", &things, "--set", "clip.min_score=0.05"];
+    let (whole, out) = (folder.path().join("whole"), folder.path().join("out"));
+    assert_eq!(run(&whole, &[&names[..], &["--save-memory", &map_text]].concat()).code, 0);
+    stop_at(9, "-KILL", &out, &[&names[..], &["--save-every", "7", "--save-memory", &last_text]].concat());
+    let ended = run(&out, &[&names[..], &["--resume", "--save-memory", &last_text]].concat());
+    assert!(ended.code == 0 && ended.err.contains("going on after frame"), "{}", ended.err);
+    assert!(files(&whole) == files(&out), "the results differ");
+    assert!(fs::read(&map).unwrap() == fs::read(&last).unwrap(), "the map differs");
+    let list = fs::read_to_string(out.join("objects.csv")).unwrap();
+    let named = list.lines().filter(|line| ["ball", "box", "cone"].iter().any(|shape| line.contains(shape))).count();
+    assert!(named >= 3, "{list}");
 }
 
 #[test]

@@ -8,6 +8,7 @@ mod method_preset;
 mod names;
 mod predicted_depth;
 mod registered_parts;
+mod rooms_named;
 mod tiny_clip;
 mod turned_frames;
 mod views_by_surface;

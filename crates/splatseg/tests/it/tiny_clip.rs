@@ -24,9 +24,16 @@ pub fn write_vocabulary(path: &Path, without: &[&str]) {
     std::fs::write(path, labels.collect::<String>()).unwrap();
 }
 
-/// Writes the network with all rows of its token embedding, of which the file has those that are used.
+/// Writes the network that knows shapes and colours.
 pub fn write_network(path: &Path) {
-    let bytes = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/tiny_clip.safetensors")).unwrap();
+    write_network_of("tiny_clip", path);
+}
+
+/// Writes a network of `tests/data` with all rows of its token embedding, of which the file has those that are used.
+pub fn write_network_of(name: &str, path: &Path) {
+    // Also from a crate beside this one.
+    let file = format!("{}/../splatseg/tests/data/{name}.safetensors", env!("CARGO_MANIFEST_DIR"));
+    let bytes = std::fs::read(file).unwrap();
     let (_, metadata) = SafeTensors::read_metadata(&bytes).unwrap();
     let tensors = SafeTensors::deserialize(&bytes).unwrap();
     let (rows, used) = (tensors.tensor("token_embedding.rows").unwrap(), tensors.tensor("token_rows").unwrap());
