@@ -280,3 +280,39 @@ impl SpaceBox {
         (self.hits >= ENOUGH || self.gaussians > 0) && !self.is_passed()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::floor_heights::FloorSamples;
+
+    /// Columns of a plan of 1 m with a level floor at 0, and a table's top at 0.73 m above the cells from 0.4 m on.
+    fn with_table() -> Columns {
+        let floor = FloorSamples::new([1.0, 1.0], 0.0).heights();
+        let mut columns = Columns::new((20, 20), 0.05, (0.1, 1.8), floor);
+        for index in 0..144 {
+            let point = Vec3::new(0.425 + (index % 12) as f32 * 0.05, 0.425 + (index / 12) as f32 * 0.05, 0.73);
+            columns.add_gaussian(point, 0.02);
+            (0..4).for_each(|_| columns.add_point(point));
+        }
+        columns
+    }
+
+    fn is_obstacle(columns: &Columns, cell: (usize, usize)) -> bool {
+        columns.content(cell, 1.8, (1.3, 2.0)).is_obstacle
+    }
+
+    #[test]
+    fn rays_above_a_table_leave_it_and_rays_through_it_do_not() {
+        let mut columns = with_table();
+        let add_rays = |columns: &mut Columns, from: f32, to: f32| {
+            for _ in 0..200 {
+                columns.add_ray(Vec3::new(0.0, 0.525, from), Vec3::new(0.99, 0.525, to));
+            }
+        };
+        add_rays(&mut columns, 0.79, 0.745);
+        assert!(is_obstacle(&columns, (10, 10)), "in the box of the table's top, but above it");
+        add_rays(&mut columns, 0.75, 0.70);
+        assert!(!is_obstacle(&columns, (10, 10)) && is_obstacle(&columns, (10, 12)));
+    }
+}

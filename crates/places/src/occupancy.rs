@@ -23,8 +23,8 @@ const RAYS: usize = 2;
 const BORDER: f64 = 2.0;
 /// Distance from obstacles within which a part of them may hide above a floor that was seen, metres.
 const HIDDEN: f64 = 0.3;
-/// Free space alone that is smaller than this, square metres, is none.
-const SPECK: f64 = 0.02;
+/// Space between obstacles that is smaller than this, square metres, has no free cells: a disc of 0.15 m radius.
+const GAP: f64 = 0.07;
 /// Heights above the floor at which walls are, and furniture hardly is, metres.
 const TALL: (f32, f32) = (1.3, 2.0);
 
@@ -67,7 +67,7 @@ impl Occupancy {
             .map(|cell| columns.content(shape.column_row(cell), heights.1, TALL))
             .collect();
         let mut cells = cells_of(&shape, &content, &seen);
-        remove_specks(&mut cells, &shape);
+        remove_gaps(&mut cells, &shape);
         if settings.free_path > 0.0 {
             free_path(&mut cells, &shape, &content, &camera_path(views, &frame), settings.free_path);
         }
@@ -92,19 +92,17 @@ fn cells_of(shape: &GridShape, columns: &[ColumnContent], seen: &FloorSeen) -> V
     (0..shape.len()).map(kind).collect()
 }
 
-/// Free space that no robot fits in, with obstacles all around, is a gap in what was seen of a thing.
-fn remove_specks(cells: &mut [Cell], shape: &GridShape) {
+/// Small space with obstacles all around is a gap in what was seen of a thing, or a hollow of it, and no place for a robot.
+fn remove_gaps(cells: &mut [Cell], shape: &GridShape) {
     let mut is_visited = vec![false; cells.len()];
     for start in 0..cells.len() {
-        if is_visited[start] || cells[start] != Cell::Free {
+        if is_visited[start] || cells[start] == Cell::Occupied {
             continue;
         }
         let size = (shape.width, shape.height);
-        let speck = splatseg_geometry::flood_fill(start, size, &mut is_visited, |cell| cells[cell] == Cell::Free);
-        let mut rim = speck.iter().flat_map(|cell| shape.beside(*cell));
-        let is_enclosed = rim.all(|cell| cells[cell] != Cell::Unknown);
-        if is_enclosed && (speck.len() as f64) * shape.resolution * shape.resolution < SPECK {
-            speck.into_iter().for_each(|cell| cells[cell] = Cell::Unknown);
+        let gap = splatseg_geometry::flood_fill(start, size, &mut is_visited, |cell| cells[cell] != Cell::Occupied);
+        if gap.len() as f64 * shape.resolution * shape.resolution < GAP {
+            gap.into_iter().for_each(|cell| cells[cell] = Cell::Unknown);
         }
     }
 }
@@ -170,7 +168,8 @@ fn add_gaussians(columns: &mut Columns, map: &MapView<'_>, frame: &PlanFrame, co
 
 fn add_points(columns: &mut Columns, points: &DepthPoints) {
     points.edges.iter().for_each(|point| columns.add_point(*point));
-    let measured = (0..points.height).flat_map(|row| (0..points.width).filter_map(move |column| points.at(column, row)));
+    let measured =
+        (0..points.height).flat_map(|row| (0..points.width).filter_map(move |column| points.at(column, row)));
     measured.for_each(|point| columns.add_point(point));
 }
 
