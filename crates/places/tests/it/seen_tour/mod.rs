@@ -39,7 +39,8 @@ pub fn seen(scene: &dyn Scene, stride: usize, place: Pose) -> (SplatMemory, Vec<
         let frame = RgbdFrame::new(frame.name(), color, depth, *frame.intrinsics(), pose).unwrap();
         let recall = memory.recall(&frame);
         let labels = truth(scene, index);
-        for _ in ids..labels.pixels().iter().copied().max().unwrap_or_default() {
+        let most = labels.pixels().iter().copied().max().unwrap_or_default();
+        while ids < most {
             ids = memory.new_segment().unwrap();
         }
         memory.update(recall, &labels, &BTreeSet::new()).unwrap();
