@@ -22,6 +22,8 @@ const ENOUGH: u16 = 2;
 /// A box in which rays cross the height of its surface this many times, and this many times more often than they end
 /// there, has nothing that stays.
 const PASSED: (u32, u32) = (20, 10);
+/// From so many points on, a box has a surface whose height is known.
+const SURE: u32 = 8;
 /// The surface is at most this far above or below the points on it, metres.
 const SURFACE: f32 = 0.005;
 
@@ -270,10 +272,11 @@ impl SpaceBox {
         }
     }
 
+    /// Few points may be noise, whose height says nothing: then all rays in the box count.
     fn is_passed(&self) -> bool {
         let seen = u32::from(self.hits) + u32::from(self.gaussians);
-        let crossings = u32::from(self.crossings);
-        crossings >= PASSED.0 && crossings > PASSED.1 * seen
+        let rays = u32::from(if seen < SURE { self.passes } else { self.crossings });
+        rays >= PASSED.0 && rays > PASSED.1 * seen
     }
 
     fn is_solid(&self) -> bool {

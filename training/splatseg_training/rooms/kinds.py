@@ -11,7 +11,9 @@ class Kind(NamedTuple):
     axis: str  # "height", "width" (the larger horizontal side) or "largest"
     low: float
     high: float
-    back: str = "sides"  # "top": side of the backrest, "sides": the flat side, "rough": the other one, "none": unknown
+    back: str = (
+        "sides"  # "top": side of the backrest, "sides": the flat side, "rough": the other one, "none": unknown
+    )
 
 
 # The first pattern found in the words of a file name decides; None means that the mesh is not used.
