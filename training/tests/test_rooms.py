@@ -88,6 +88,26 @@ def test_depth_and_ids_of_a_walk_agree_between_views(tmp_path):
     assert same.mean() > 0.995
 
 
+def test_exact_surfaces_are_those_of_the_depth(tmp_path):
+    main(["--seed", "71", "--frames", "3", "--no-colour", "--mesh", *SMALL, "--out", str(tmp_path / "a")])
+    header, body = (tmp_path / "a" / "surfaces.ply").read_bytes().split(b"end_header\n", 1)
+    count = int(header.split(b"element vertex ")[1].split(b"\n")[0])
+    vertices = np.frombuffer(body, [("place", "<f4", 3), ("segment_id", "<i4")], count)
+    camera = Camera(64, 48)
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    for number in range(3):
+        depth, ids, pose = read(tmp_path / "a", number)
+        x = (u - camera.matrix[0, 2]) / camera.matrix[0, 0] * depth
+        y = (v - camera.matrix[1, 2]) / camera.matrix[1, 1] * depth
+        points = np.stack([x, y, depth], -1) @ pose[:3, :3].T + pose[:3, 3]
+        for id in np.unique(ids[depth > 0]):
+            own = vertices["place"][vertices["segment_id"] == id]
+            seen = points[(ids == id) & (depth > 0)]
+            # Depth is in millimetres.
+            assert (seen >= own.min(0) - 0.002).all(), id
+            assert (seen <= own.max(0) + 0.002).all(), id
+
+
 def test_the_same_seed_gives_the_same_bytes(tmp_path):
     command = ["--seed", "31", "--rooms", "2", "--views", "scattered", "--frames", "2", "--no-colour", *SMALL, "--out"]
     main([*command, str(tmp_path / "a")])

@@ -4,7 +4,7 @@ use crate::NameError;
 use crate::names::check_label;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
-use splatseg_geometry::Pose;
+use splatseg_geometry::{KeyframeId, MapCorrection, Pose};
 
 /// Largest number of names.
 const MOST: usize = 1000;
@@ -67,6 +67,17 @@ impl RoomNames {
         Ok(())
     }
 
+    /// Moves each place with the keyframe whose camera, at these world coordinates before the correction, was nearest.
+    pub fn correct(&mut self, correction: &MapCorrection, cameras: &[(KeyframeId, DVec3)]) {
+        for named in &mut self.names {
+            let distance = |(_, camera): &&(KeyframeId, DVec3)| camera.distance_squared(named.place);
+            let nearest = cameras.iter().min_by(|one, other| distance(one).total_cmp(&distance(other)));
+            if let Some((keyframe, _)) = nearest {
+                named.place = correction.moved(*keyframe, named.place);
+            }
+        }
+    }
+
     /// Drops the names of places for which `is_dropped` is true.
     pub fn remove(&mut self, is_dropped: impl Fn(DVec3) -> bool) {
         self.names.retain(|named| !is_dropped(named.place));
@@ -97,6 +108,21 @@ impl RoomNames {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn places_move_with_the_keyframe_that_was_nearest() {
+        let mut names = RoomNames::default();
+        for (x, name) in [(0.5, "hall"), (4.0, "kitchen")] {
+            names.add(DVec3::new(x, 0.0, 0.0), name).unwrap();
+        }
+        let new_from_old = [(1, Pose::from_translation(DVec3::new(0.0, 0.3, 0.0)))].into();
+        let correction = MapCorrection { new_from_old, joined: Vec::new() };
+        names.correct(&correction, &[(0, DVec3::Z), (1, DVec3::new(4.0, 1.0, 1.0))]);
+        let places: Vec<DVec3> = names.iter().map(|named| named.place).collect();
+        assert_eq!(places, [DVec3::new(0.5, 0.0, 0.0), DVec3::new(4.0, 0.3, 0.0)]);
+        names.correct(&correction, &[]);
+        assert_eq!(names.iter().map(|named| named.place).collect::<Vec<_>>(), places, "no keyframe is known");
+    }
 
     #[test]
     fn names_that_cannot_be_used_are_refused_and_others_move_with_the_map() {

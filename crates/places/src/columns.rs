@@ -19,11 +19,16 @@ const LOW: f32 = 0.2;
 const CONFIRMED_WITHIN: f32 = 0.06;
 /// This many points make a box solid.
 const ENOUGH: u16 = 2;
-/// A box that rays pass this many times, and this many times more often than they end there, has nothing that stays.
+/// A box in which rays cross the height of its surface this many times, and this many times more often than they end
+/// there, has nothing that stays.
 const PASSED: (u32, u32) = (20, 10);
+/// From so many points on, a box has a surface whose height is known.
+const SURE: u32 = 8;
+/// The surface is at most this far above or below the points on it, metres.
+const SURFACE: f32 = 0.005;
 
 /// The boxes above a cell, from the lowest height of obstacles up.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 struct SpaceBox {
     /// Points on a surface that the map still has.
     hits: u16,
@@ -33,6 +38,11 @@ struct SpaceBox {
     gaussians: u8,
     /// A Gaussian is here or close.
     is_confirmed: bool,
+    /// Lowest and highest point on the surface, from the bottom of the box, in parts of [`BOX`] / 255; the lowest is above
+    /// the highest if there is none.
+    surface: (u8, u8),
+    /// Rays that crossed it: those above a table do not, even if its top is in the same box.
+    crossings: u16,
 }
 
 /// Columns of boxes above the cells of a grid. Only blocks of columns that something was seen of take memory.
@@ -106,7 +116,7 @@ impl Columns {
         if self.blocks[block] == 0 {
             let per_block = BLOCK * BLOCK * self.levels;
             self.blocks[block] = (self.boxes.len() / per_block) as u32 + 1;
-            self.boxes.resize(self.boxes.len() + per_block, SpaceBox::default());
+            self.boxes.resize(self.boxes.len() + per_block, SpaceBox::EMPTY);
         }
         self.first_of((column, row)).unwrap_or_default()
     }
@@ -116,13 +126,20 @@ impl Columns {
         (level >= 0.0 && level < self.levels as f32).then_some(level as usize)
     }
 
+    /// Height of a point above the bottom of its box, metres.
+    fn height_in_box(&self, point: Vec3, level: usize) -> f32 {
+        self.above_floor(point).unwrap_or_default() - self.base - level as f32 * BOX
+    }
+
     /// Adds a Gaussian of the map: surface within `cover` metres of its centre.
     pub(crate) fn add_gaussian(&mut self, mean: Vec3, cover: f32) {
         if let (Some(cell), Some(level)) = (self.cell(mean), self.above_floor(mean).and_then(|above| self.level(above)))
         {
             let first = self.first_of_new(cell);
-            let gaussians = &mut self.boxes[first + level].gaussians;
-            *gaussians = gaussians.saturating_add(1);
+            let height = self.height_in_box(mean, level);
+            let space = &mut self.boxes[first + level];
+            space.gaussians = space.gaussians.saturating_add(1);
+            space.add_surface(height);
         }
         let reach = (cover.min(0.5) + CONFIRMED_WITHIN).max(0.0);
         let Some(above) = self.above_floor(mean) else { return };
@@ -151,13 +168,15 @@ impl Columns {
             return;
         };
         let first = self.first_of_new(cell);
+        let height = self.height_in_box(point, level);
         let space = &mut self.boxes[first + level];
         if space.is_confirmed {
             space.hits = space.hits.saturating_add(1);
+            space.add_surface(height);
         }
     }
 
-    /// Adds the ray from the camera to a measured point.
+    /// Adds the ray from the camera to a measured point, after all points.
     pub(crate) fn add_ray(&mut self, camera: Vec3, point: Vec3) {
         let length = (point - camera).length();
         let margin = MARGIN.0 + MARGIN.1 * length;
@@ -195,14 +214,15 @@ impl Columns {
         }
         let middle = Vec3::new((column + 0.5) * self.resolution, (row + 0.5) * self.resolution, 0.0);
         let Some(floor) = self.floor.at(middle) else { return };
-        let level = |z: f32| ((z - floor - self.base) / BOX).floor();
-        let (low, high) = (level(low).max(0.0), level(high).min(self.levels as f32 - 1.0));
-        if low > high {
+        // In boxes above the lowest one.
+        let [low, high] = [low, high].map(|z| (z - floor - self.base) / BOX);
+        let (first_level, last_level) = (low.floor().max(0.0), high.floor().min(self.levels as f32 - 1.0));
+        if first_level > last_level {
             return;
         }
         let first = self.first_of_new((column as usize, row as usize));
-        for space in &mut self.boxes[first + low as usize..=first + high as usize] {
-            space.passes = space.passes.saturating_add(1);
+        for level in first_level as usize..=last_level as usize {
+            self.boxes[first + level].pass(low - level as f32, high - level as f32);
         }
     }
 
@@ -228,13 +248,74 @@ impl Columns {
 }
 
 impl SpaceBox {
+    const EMPTY: Self =
+        Self { hits: 0, passes: 0, gaussians: 0, is_confirmed: false, surface: (u8::MAX, 0), crossings: 0 };
+
+    /// Adds a point on the surface this high above the bottom, metres.
+    fn add_surface(&mut self, height: f32) {
+        let part = |height: f32| (height / BOX * f32::from(u8::MAX)).clamp(0.0, f32::from(u8::MAX)) as u8;
+        let (low, high) = self.surface;
+        self.surface = (low.min(part(height - SURFACE)), high.max(part(height + SURFACE)));
+    }
+
+    fn has_surface(&self) -> bool {
+        self.surface.0 <= self.surface.1
+    }
+
+    /// Adds a ray between these heights above the bottom, in boxes.
+    fn pass(&mut self, low: f32, high: f32) {
+        self.passes = self.passes.saturating_add(1);
+        let [surface_low, surface_high] =
+            [self.surface.0, self.surface.1].map(|part| f32::from(part) / f32::from(u8::MAX));
+        if self.has_surface() && low <= surface_high && high >= surface_low {
+            self.crossings = self.crossings.saturating_add(1);
+        }
+    }
+
+    /// Few points may be noise, whose height says nothing: then all rays in the box count.
     fn is_passed(&self) -> bool {
         let seen = u32::from(self.hits) + u32::from(self.gaussians);
-        let passes = u32::from(self.passes);
-        passes >= PASSED.0 && passes > PASSED.1 * seen
+        let rays = u32::from(if seen < SURE { self.passes } else { self.crossings });
+        rays >= PASSED.0 && rays > PASSED.1 * seen
     }
 
     fn is_solid(&self) -> bool {
         (self.hits >= ENOUGH || self.gaussians > 0) && !self.is_passed()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::floor_heights::FloorSamples;
+
+    /// Columns of a plan of 1 m with a level floor at 0, and a table's top at 0.73 m above the cells from 0.4 m on.
+    fn with_table() -> Columns {
+        let floor = FloorSamples::new([1.0, 1.0], 0.0).heights();
+        let mut columns = Columns::new((20, 20), 0.05, (0.1, 1.8), floor);
+        for index in 0..144 {
+            let point = Vec3::new(0.425 + (index % 12) as f32 * 0.05, 0.425 + (index / 12) as f32 * 0.05, 0.73);
+            columns.add_gaussian(point, 0.02);
+            (0..4).for_each(|_| columns.add_point(point));
+        }
+        columns
+    }
+
+    fn is_obstacle(columns: &Columns, cell: (usize, usize)) -> bool {
+        columns.content(cell, 1.8, (1.3, 2.0)).is_obstacle
+    }
+
+    #[test]
+    fn rays_above_a_table_leave_it_and_rays_through_it_do_not() {
+        let mut columns = with_table();
+        let add_rays = |columns: &mut Columns, from: f32, to: f32| {
+            for _ in 0..200 {
+                columns.add_ray(Vec3::new(0.0, 0.525, from), Vec3::new(0.99, 0.525, to));
+            }
+        };
+        add_rays(&mut columns, 0.79, 0.745);
+        assert!(is_obstacle(&columns, (10, 10)), "in the box of the table's top, but above it");
+        add_rays(&mut columns, 0.75, 0.70);
+        assert!(!is_obstacle(&columns, (10, 10)) && is_obstacle(&columns, (10, 12)));
     }
 }

@@ -23,6 +23,8 @@ const RAYS: usize = 2;
 const BORDER: f64 = 2.0;
 /// Distance from obstacles within which a part of them may hide above a floor that was seen, metres.
 const HIDDEN: f64 = 0.3;
+/// Space between obstacles that is smaller than this, square metres, has no free cells: a disc of 0.15 m radius.
+const GAP: f64 = 0.07;
 /// Heights above the floor at which walls are, and furniture hardly is, metres.
 const TALL: (f32, f32) = (1.3, 2.0);
 
@@ -54,16 +56,18 @@ impl Occupancy {
         let heights = (settings.min_height as f32, settings.max_height as f32);
         let mut columns = Columns::new(cells, resolution, heights, floor);
         add_gaussians(&mut columns, map, &frame, corner);
+        points.for_each(|points| add_points(&mut columns, points));
         let mut seen = FloorSeen::new(cells, resolution);
         points.for_each(|points| {
             seen.add(points, &columns, heights.0);
-            add_view(&mut columns, points);
+            add_rays(&mut columns, points);
         });
         let content: Vec<ColumnContent> = (0..shape.len())
             .into_par_iter()
             .map(|cell| columns.content(shape.column_row(cell), heights.1, TALL))
             .collect();
         let mut cells = cells_of(&shape, &content, &seen);
+        remove_gaps(&mut cells, &shape);
         if settings.free_path > 0.0 {
             free_path(&mut cells, &shape, &content, &camera_path(views, &frame), settings.free_path);
         }
@@ -86,6 +90,21 @@ fn cells_of(shape: &GridShape, columns: &[ColumnContent], seen: &FloorSeen) -> V
         }
     };
     (0..shape.len()).map(kind).collect()
+}
+
+/// Small space with obstacles all around is a gap in what was seen of a thing, or a hollow of it, and no place for a robot.
+fn remove_gaps(cells: &mut [Cell], shape: &GridShape) {
+    let mut is_visited = vec![false; cells.len()];
+    for start in 0..cells.len() {
+        if is_visited[start] || cells[start] == Cell::Occupied {
+            continue;
+        }
+        let size = (shape.width, shape.height);
+        let gap = splatseg_geometry::flood_fill(start, size, &mut is_visited, |cell| cells[cell] != Cell::Occupied);
+        if gap.len() as f64 * shape.resolution * shape.resolution < GAP {
+            gap.into_iter().for_each(|cell| cells[cell] = Cell::Unknown);
+        }
+    }
 }
 
 /// The points of all views, relative to a corner of the plan.
@@ -147,15 +166,17 @@ fn add_gaussians(columns: &mut Columns, map: &MapView<'_>, frame: &PlanFrame, co
     }
 }
 
-fn add_view(columns: &mut Columns, points: &DepthPoints) {
+fn add_points(columns: &mut Columns, points: &DepthPoints) {
     points.edges.iter().for_each(|point| columns.add_point(*point));
-    for row in 0..points.height {
-        for column in 0..points.width {
-            let Some(point) = points.at(column, row) else { continue };
-            columns.add_point(point);
-            if column % RAYS == 0 && row % RAYS == 0 {
-                columns.add_ray(points.camera, point);
-            }
+    let measured =
+        (0..points.height).flat_map(|row| (0..points.width).filter_map(move |column| points.at(column, row)));
+    measured.for_each(|point| columns.add_point(point));
+}
+
+fn add_rays(columns: &mut Columns, points: &DepthPoints) {
+    for row in (0..points.height).step_by(RAYS) {
+        for point in (0..points.width).step_by(RAYS).filter_map(|column| points.at(column, row)) {
+            columns.add_ray(points.camera, point);
         }
     }
 }

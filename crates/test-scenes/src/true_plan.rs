@@ -1,14 +1,43 @@
-//! The exact plan of a synthetic scene, to compare grids of free space with.
+//! The exact plan of a scene, to compare grids of free space with.
 
 use glam::{DVec2, DVec3, Vec2};
 use splatseg_dataset::{Scene, SyntheticScene};
 
 /// Heights between which things are obstacles, as by default in plans, metres.
-const HEIGHTS: (f32, f32) = (0.1, 1.8);
+pub(crate) const HEIGHTS: (f32, f32) = (0.1, 1.8);
 /// Points along a side of a cell that are tested.
 const POINTS: usize = 6;
 /// The floor counts as seen up to this depth, metres.
 const MAX_RANGE: f32 = 5.0;
+
+/// Where something stands in a scene whose geometry is known exactly.
+pub trait ExactPlan {
+    /// True if something stands at a place at the heights of obstacles.
+    fn is_occupied(&self, place: Vec2) -> bool;
+
+    /// True in rooms and doorways.
+    fn is_in_house(&self, place: Vec2) -> bool;
+
+    /// The number of the room at a place.
+    fn room_at(&self, place: Vec2) -> Option<usize>;
+}
+
+impl ExactPlan for SyntheticScene {
+    fn is_occupied(&self, place: Vec2) -> bool {
+        Self::is_occupied(self, place, HEIGHTS)
+    }
+
+    /// A room is at most a wall's thickness away.
+    fn is_in_house(&self, place: Vec2) -> bool {
+        let steps = [Vec2::ZERO, Vec2::X, Vec2::NEG_X, Vec2::Y, Vec2::NEG_Y];
+        let rooms: Vec<usize> = steps.into_iter().filter_map(|step| Self::room_at(self, place + step * 0.17)).collect();
+        Self::room_at(self, place).is_some() || rooms.iter().any(|room| *room != rooms[0])
+    }
+
+    fn room_at(&self, place: Vec2) -> Option<usize> {
+        Self::room_at(self, place)
+    }
+}
 
 /// What is true of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,11 +67,11 @@ pub struct PlanErrors {
     pub unseen: usize,
 }
 
-/// The truth of each cell of a grid: row-major from its lowest corner `origin`, metres. Every `stride`-th frame of the scene
-/// was recorded.
+/// The truth of each cell of a grid: row-major from its lowest corner `origin`, metres. Every `stride`-th frame of `frames`,
+/// whose depth is exact, was recorded.
 pub fn true_cells(
-    scene: &SyntheticScene,
-    stride: usize,
+    exact: &dyn ExactPlan,
+    (frames, stride): (&dyn Scene, usize),
     origin: DVec2,
     (width, height): (usize, usize),
     side: f64,
@@ -54,26 +83,18 @@ pub fn true_cells(
             let center = (corner + 0.5 * side).as_vec2();
             let part = |index: usize| (index as f64 + 0.5) / POINTS as f64 * side;
             let at = |index: usize| (corner + DVec2::new(part(index % POINTS), part(index / POINTS))).as_vec2();
-            let is_outside = !in_house(scene, center);
-            let is_free = !is_outside && (0..POINTS * POINTS).all(|index| !scene.is_occupied(at(index), HEIGHTS));
-            let is_inside = scene.is_occupied(center, HEIGHTS);
-            cells.push(TrueCell { is_free, is_inside, is_seen: false, room: scene.room_at(center) });
+            let is_free = exact.is_in_house(center) && (0..POINTS * POINTS).all(|index| !exact.is_occupied(at(index)));
+            let is_inside = exact.is_occupied(center);
+            cells.push(TrueCell { is_free, is_inside, is_seen: false, room: exact.room_at(center) });
         }
     }
-    mark_seen(scene, stride, origin, width, side, &mut cells);
+    mark_seen((frames, stride), origin, width, side, &mut cells);
     cells
 }
 
-/// True in rooms and doorways: a room is at most a wall's thickness away.
-fn in_house(scene: &SyntheticScene, place: Vec2) -> bool {
-    let steps = [Vec2::ZERO, Vec2::X, Vec2::NEG_X, Vec2::Y, Vec2::NEG_Y];
-    let rooms: Vec<usize> = steps.into_iter().filter_map(|step| scene.room_at(place + step * 0.17)).collect();
-    scene.room_at(place).is_some() || rooms.iter().any(|room| *room != rooms[0])
-}
-
-fn mark_seen(scene: &SyntheticScene, stride: usize, origin: DVec2, width: usize, side: f64, cells: &mut [TrueCell]) {
-    for frame in (0..scene.frame_count()).step_by(stride.max(1)) {
-        let frame = scene.read_frame(frame).unwrap();
+fn mark_seen((frames, stride): (&dyn Scene, usize), origin: DVec2, width: usize, side: f64, cells: &mut [TrueCell]) {
+    for frame in (0..frames.frame_count()).step_by(stride.max(1)) {
+        let frame = frames.read_frame(frame).unwrap();
         let (columns, rows) = frame.depth().size();
         for (index, cell) in cells.iter_mut().enumerate().filter(|(_, cell)| cell.is_free && !cell.is_seen) {
             let place = origin + (DVec2::new((index % width) as f64, (index / width) as f64) + 0.5) * side;

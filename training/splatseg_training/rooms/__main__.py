@@ -26,6 +26,7 @@ def parse(arguments=None):
     parser.add_argument("--assets", metavar="DIR", help="folder of additional furniture meshes (DAE, glTF, FBX, OBJ)")
     parser.add_argument("--no-colour", action="store_true", help="only depth and ids, five times as fast")
     parser.add_argument("--sensor-noise", action="store_true", help="noise and holes in the depth, like a Kinect's")
+    parser.add_argument("--mesh", action="store_true", help="also the exact surfaces with their ids, surfaces.ply")
     parser.add_argument("--width", type=int, default=320)
     parser.add_argument("--height", type=int, default=240)
     parser.add_argument("--samples", type=int, default=6, help="light paths per pixel")
@@ -54,6 +55,7 @@ def main(arguments=None):
         camera=Camera(options.width, options.height),
         colour=not options.no_colour,
         sensor_noise=options.sensor_noise,
+        mesh=options.mesh,
         quality=Quality(options.samples, options.threads),
     )
     library = Library(options.assets) if options.assets else None

@@ -16,6 +16,8 @@ from .render import Quality, Renderer, empty_scene
 from .room import Room
 from .shell import build
 
+MESH = "surfaces.ply"
+
 
 class Settings(NamedTuple):
     """Settings for writing a room; `rate` in Hz applies to the views "path"."""
@@ -26,6 +28,7 @@ class Settings(NamedTuple):
     camera: Camera = Camera(320, 240)
     colour: bool = True
     sensor_noise: bool = False
+    mesh: bool = False
     quality: Quality = Quality(6, 1)
 
 
@@ -61,6 +64,8 @@ def write_room(folder, seed, settings, library=None):
     staged = os.path.join(parent, f".{name}.tmp")  # hidden: patterns for --data do not match it
     shutil.rmtree(staged, ignore_errors=True)
     os.makedirs(staged)
+    if settings.mesh:
+        write_mesh(os.path.join(staged, MESH), np.concatenate(room.triangles), np.concatenate(room.ids))
     largest = _write_frames(staged, room, poses, seed, settings)
     names = {number + 1: name for number, name in enumerate(room.names)}
     with open(os.path.join(staged, "objects.json"), "w") as file:
@@ -74,6 +79,23 @@ def write_room(folder, seed, settings, library=None):
         f"{folder}: {room.kind} {room.width:.1f}x{room.depth:.1f} m, {len(names)} instances{imported}, "
         f"{len(poses)} frames, room {built - start:.1f} s, {each:.2f} s/frame"
     )
+
+
+def write_mesh(path, triangles, ids):
+    """Writes triangles [F, 3, 3] with ids [F] as a PLY file like those of `splatseg export --as mesh`: metres, the poses'
+    world, and `segment_id` of each vertex. Triangles share no vertices."""
+    corners = len(triangles) * 3
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment exact surfaces\n"
+        f"element vertex {corners}\nproperty float x\nproperty float y\nproperty float z\nproperty int segment_id\n"
+        f"element face {len(triangles)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    vertices = np.zeros(corners, [("place", "<f4", 3), ("segment_id", "<i4")])
+    vertices["place"], vertices["segment_id"] = triangles.reshape(-1, 3), np.repeat(ids, 3)
+    faces = np.zeros(len(triangles), [("count", "u1"), ("corners", "<i4", 3)])
+    faces["count"], faces["corners"] = 3, np.arange(corners).reshape(-1, 3)
+    with open(path, "wb") as file:
+        file.write(header.encode() + vertices.tobytes() + faces.tobytes())
 
 
 def _write_frames(folder, room, poses, seed, settings):

@@ -17,7 +17,7 @@ fn the_plan_of_four_rooms_is_as_they_are() {
     assert!(errors.iou() >= 0.9, "{} {errors:?}", errors.iou());
     // The far side of a sphere overhangs by less than a cell where nothing has shown how far it reaches.
     assert_eq!(tour.wholly_inside(), 0);
-    assert!(errors.inside * 400 <= errors.both && errors.unseen * 400 <= errors.both, "{errors:?}");
+    assert!(errors.inside * 2000 <= errors.both && errors.unseen * 400 <= errors.both, "{errors:?}");
     assert_eq!((tour.rooms_found(), tour.plan.rooms().len()), (4, 4), "{:?}", tour.plan.rooms());
     assert!(tour.plan.rooms().iter().all(|room| room.doors.len() == 2), "{:?}", tour.plan.rooms());
     rooms_keep_their_numbers(&tour);
