@@ -296,7 +296,7 @@ mod tests {
         for index in 0..144 {
             let point = Vec3::new(0.425 + (index % 12) as f32 * 0.05, 0.425 + (index / 12) as f32 * 0.05, 0.73);
             columns.add_gaussian(point, 0.02);
-            (0..4).for_each(|_| columns.add_point(point));
+            (0..SURE).for_each(|_| columns.add_point(point));
         }
         columns
     }

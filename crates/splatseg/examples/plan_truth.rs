@@ -25,7 +25,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 /// Where things stand, and frames with exact depth.
-fn exact(scene: &str) -> Result<(Box<dyn ExactPlan>, Arc<dyn Scene>), Box<dyn std::error::Error>> {
+type Truth = (Box<dyn ExactPlan>, Arc<dyn Scene>);
+
+fn exact(scene: &str) -> Result<Truth, Box<dyn std::error::Error>> {
     if let Some(surfaces) = TrueSurfaces::read(Path::new(scene)) {
         return Ok((Box::new(surfaces), open_scene(scene, &DatasetSettings::default())?));
     }

@@ -63,7 +63,7 @@ fn the_recording_of_a_run_has_the_exported_grid_and_its_list_the_rooms() {
 
     // Against the exact geometry of the scene.
     let scene: SyntheticScene = room(SCENE);
-    let truth = true_cells(&scene, 1, shape.origin, (shape.width, shape.height), shape.resolution);
+    let truth = true_cells(&scene, (&scene, 1), shape.origin, (shape.width, shape.height), shape.resolution);
     let errors = PlanErrors::new(grid.data.iter().map(|cell| *cell == 0), &truth);
     assert!(errors.iou() > 0.8 && errors.inside * 50 <= errors.both, "{} {errors:?}", errors.iou());
 
