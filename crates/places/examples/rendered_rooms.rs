@@ -3,7 +3,7 @@
 //! map learns the true ids.
 
 #[path = "../tests/it/seen_tour/mod.rs"]
-#[allow(dead_code)]
+#[allow(dead_code)] // The tests and the other example use more of it.
 mod seen_tour;
 
 use glam::{Mat3, Vec3};
