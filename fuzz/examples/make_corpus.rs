@@ -76,7 +76,11 @@ fn write_maps(folder: &Path) -> std::io::Result<()> {
         ("picture_of", r#"{"object":2,"close_up":true}"#),
         ("plan_view", r#"{"objects":[1,"largest"]}"#),
     ];
-    write(folder, "mcp", &calls.map(|(name, arguments)| call(name, arguments)))?;
+    let calls = calls.map(|(name, arguments)| call(name, arguments));
+    let whole: &[u8] = b"\0POST /mcp?token=0123456789abcdef HTTP/1.1\r\nHost: localhost\r\nContent-Length: 2\r\n\r\n{}";
+    let over_http: Vec<_> = calls.iter().map(|call| with_choice(1, call)).chain([whole.to_vec()]).collect();
+    write(folder, "mcp_http", &over_http)?;
+    write(folder, "mcp", &calls)?;
     let settings = "method = \"fastsam-splat\"\nseed = 3\n[memory]\nmax_votes = 8.0\n[dataset]\nresize = \"320x240\"\n";
     write(folder, "config", &[settings.into(), b"memory.max_votes=8".to_vec(), b"segmenter=\"graph\"".to_vec()])
 }

@@ -70,7 +70,7 @@ impl Assistant {
         self.tools.iter().map(|tool| &tool.definition)
     }
 
-    /// What a client is told about the map before it calls a tool.
+    /// Facts about the map, which a client gets before it calls a tool.
     pub fn instructions(&mut self) -> String {
         let path = self.map.path().display().to_string();
         let allow_write = self.allow_write;

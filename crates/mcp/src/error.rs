@@ -16,7 +16,7 @@ pub enum McpError {
     File {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The problem with it.
         problem: String,
     },
     /// The address for clients cannot be used.
@@ -24,7 +24,7 @@ pub enum McpError {
     Address {
         /// The address.
         address: std::net::SocketAddr,
-        /// What is wrong with it.
+        /// The problem with it.
         problem: String,
     },
     /// The connection or the system failed.

@@ -1,4 +1,4 @@
-//! What the answers tell of an object, as data and in words.
+//! Facts about an object in answers, as data and in words.
 
 use crate::boxes::SolidBox;
 use crate::open_map::LoadedMap;
@@ -52,7 +52,7 @@ pub struct LastSeen {
 }
 
 impl ObjectFacts {
-    /// What is known of an object of the map.
+    /// Facts about an object of the map.
     pub fn new(object: &Object, map: &LoadedMap) -> Self {
         let shape = object.shape.as_ref();
         Self {

@@ -19,6 +19,7 @@ use std::convert::Infallible;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::Arc;
 use std::time::Duration;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::Semaphore;
 
 /// Path of the protocol.
@@ -37,7 +38,7 @@ pub struct HttpOptions {
     pub address: SocketAddr,
     /// Whether other computers may reach it.
     pub reach: Reach,
-    /// What clients must know; `None` for a random token.
+    /// The clients' password; `None` for a random token.
     pub token: Option<Token>,
 }
 
@@ -45,8 +46,7 @@ pub struct HttpOptions {
 pub struct HttpServer {
     listener: TcpListener,
     address: SocketAddr,
-    token: Token,
-    service: StreamableHttpService<MapServer, NeverSessionManager>,
+    answers: Arc<Answers>,
 }
 
 impl HttpServer {
@@ -73,7 +73,7 @@ impl HttpServer {
         let config = if reach == Reach::Loopback { config } else { config.disable_allowed_hosts() };
         let server = MapServer::new(assistant);
         let service = StreamableHttpService::new(move || Ok(server.clone()), Arc::default(), config);
-        Ok(Self { listener, address, token, service })
+        Ok(Self { listener, address, answers: Arc::new(Answers { token, service }) })
     }
 
     /// The address that it listens on, with its port.
@@ -81,9 +81,9 @@ impl HttpServer {
         self.address
     }
 
-    /// What clients must know.
+    /// The token that clients must send.
     pub fn token(&self) -> &Token {
-        &self.token
+        &self.answers.token
     }
 
     /// The URL of the protocol, without the token.
@@ -101,56 +101,65 @@ impl HttpServer {
         runtime.block_on(self.accept())
     }
 
+    /// Answers one client on a stream that is open already, until either side closes it.
+    pub async fn serve_on<S: AsyncRead + AsyncWrite + Unpin>(&self, stream: S) {
+        self.answers.serve_on(stream).await;
+    }
+
     async fn accept(self) -> Result<(), McpError> {
-        let Self { listener, token, service, .. } = self;
+        let Self { listener, answers, .. } = self;
         let listener = tokio::net::TcpListener::from_std(listener);
         let listener = listener.map_err(|error| McpError::Connection(error.to_string()))?;
         let places = Arc::new(Semaphore::new(MAX_CONNECTIONS));
-        let shared = Arc::new((token, service));
         loop {
             let Ok(place) = Arc::clone(&places).acquire_owned().await else { return Ok(()) };
             let Ok((stream, _)) = listener.accept().await else {
                 tokio::time::sleep(RETRY).await;
                 continue;
             };
-            let shared = Arc::clone(&shared);
+            let answers = Arc::clone(&answers);
             tokio::spawn(async move {
                 let _place = place;
-                let answer = service_fn(|request| {
-                    let shared = Arc::clone(&shared);
-                    async move { Ok::<_, Infallible>(answered(&shared.0, &shared.1, request).await) }
-                });
-                // A client that leaves or sends no HTTP is its own problem.
-                let _ = hyper::server::conn::http1::Builder::new()
-                    .timer(TokioTimer::new())
-                    .header_read_timeout(HEAD_TIME)
-                    .serve_connection(TokioIo::new(stream), answer)
-                    .await;
+                answers.serve_on(stream).await;
             });
         }
     }
 }
 
-/// The answer to a request.
-async fn answered(
-    token: &Token,
-    service: &StreamableHttpService<MapServer, NeverSessionManager>,
-    request: Request<Incoming>,
-) -> Response<BoxBody<Bytes, Infallible>> {
-    if request.uri().path() != PATH {
-        return refused(StatusCode::NOT_FOUND, "this server has only /mcp");
+/// Shared by all connections.
+struct Answers {
+    token: Token,
+    service: StreamableHttpService<MapServer, NeverSessionManager>,
+}
+
+impl Answers {
+    async fn serve_on<S: AsyncRead + AsyncWrite + Unpin>(&self, stream: S) {
+        let answer = service_fn(async |request| Ok::<_, Infallible>(self.answer(request).await));
+        // A client that leaves or sends no HTTP is its own problem.
+        let _ = hyper::server::conn::http1::Builder::new()
+            .timer(TokioTimer::new())
+            .header_read_timeout(HEAD_TIME)
+            .serve_connection(TokioIo::new(stream), answer)
+            .await;
     }
-    let header = request.headers().get(AUTHORIZATION).and_then(|value| value.to_str().ok());
-    let bearer = header.and_then(|value| value.strip_prefix("Bearer ")).map(str::trim);
-    let query = request.uri().query().unwrap_or_default();
-    let in_query = query.split('&').find_map(|pair| pair.strip_prefix("token="));
-    if !bearer.or(in_query).is_some_and(|given| token.matches(given)) {
-        let mut response =
-            refused(StatusCode::UNAUTHORIZED, "the token that the server has printed is missing or wrong");
-        response.headers_mut().insert(WWW_AUTHENTICATE, hyper::header::HeaderValue::from_static("Bearer"));
-        return response;
+
+    /// The answer to a request.
+    async fn answer(&self, request: Request<Incoming>) -> Response<BoxBody<Bytes, Infallible>> {
+        if request.uri().path() != PATH {
+            return refused(StatusCode::NOT_FOUND, "this server has only /mcp");
+        }
+        let header = request.headers().get(AUTHORIZATION).and_then(|value| value.to_str().ok());
+        let bearer = header.and_then(|value| value.strip_prefix("Bearer ")).map(str::trim);
+        let query = request.uri().query().unwrap_or_default();
+        let in_query = query.split('&').find_map(|pair| pair.strip_prefix("token="));
+        if !bearer.or(in_query).is_some_and(|given| self.token.matches(given)) {
+            let mut response =
+                refused(StatusCode::UNAUTHORIZED, "the token that the server has printed is missing or wrong");
+            response.headers_mut().insert(WWW_AUTHENTICATE, hyper::header::HeaderValue::from_static("Bearer"));
+            return response;
+        }
+        self.service.handle(request).await
     }
-    service.handle(request).await
 }
 
 fn refused(status: StatusCode, text: &'static str) -> Response<BoxBody<Bytes, Infallible>> {

@@ -71,7 +71,7 @@ impl Assistant {
             .map_err(|error| ToolError(format!("{}: {error}", self.map.path().display())))
     }
 
-    /// What a client is told if nothing fits its words.
+    /// Message to a client whose words fit nothing.
     pub(crate) fn nothing_fits(&mut self, words: &str) -> String {
         format!("No object fits {words:?}. {}", known_names(&self.map.current().list))
     }

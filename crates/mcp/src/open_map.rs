@@ -50,7 +50,7 @@ pub struct OpenMap {
     first: Option<LoadedMap>,
 }
 
-/// What tells that a file has changed; `None` without a file.
+/// Detects changes of a file; `None` without a file.
 type FileStamp = Option<(SystemTime, u64)>;
 
 impl OpenMap {

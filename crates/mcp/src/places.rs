@@ -4,7 +4,7 @@ use glam::DVec3;
 use splatseg::pipeline::NamedMap;
 use splatseg_geometry::SegmentId;
 
-/// What is known of a map's floor. With it, the server offers the tool `route`, objects have rooms, and the plan shows free
+/// A map's floor. With it, the server offers the tool `route`, objects have rooms, and the plan shows free
 /// space.
 pub trait Places: Send {
     /// Name of the room that an object is in; `None` if it is in none.

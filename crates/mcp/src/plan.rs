@@ -21,7 +21,7 @@ const MAX_SCALE: f64 = 200.0;
 const MARGIN: f64 = 0.25;
 /// Share of the Gaussians that may lie outside the picture on each side.
 const OUTLIERS: f64 = 0.005;
-/// What is higher above the lowest part of the map hides the rest, metres: ceilings and lamps.
+/// Height above the lowest part of the map from which things hide the rest, metres: ceilings and lamps.
 const CEILING: f64 = 2.0;
 /// How much of the map's own colours is left.
 const PALE: f64 = 0.45;
@@ -32,7 +32,7 @@ const OCCUPIED_FLOOR: [u8; 3] = [90; 3];
 const ROUTE: [u8; 3] = [220, 0, 160];
 const LENGTH_OF_BAR: f64 = 1.0;
 
-/// What a plan shows, and where.
+/// The objects and the area of a plan.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct PlanFacts {
     /// Width and height of the picture, pixels.
@@ -62,7 +62,7 @@ pub struct Label {
     center_px: [i64; 2],
 }
 
-/// What to draw besides the map.
+/// Drawn on top of the map.
 #[derive(Debug, Default)]
 pub struct Shown<'a> {
     /// Objects to emphasise: only they have labels, unless there are none.
@@ -301,7 +301,7 @@ fn draw_labels<'a, 'b: 'a>(
 }
 
 impl PlanFacts {
-    /// What the picture shows, in words.
+    /// Describes the picture in words.
     pub fn words(&self, map: &LoadedMap) -> String {
         let [right, down] = [self.right, self.down].map(|[x, y, z]| format!("[{x:.2}, {y:.2}, {z:.2}]"));
         let mut text = format!(

@@ -109,7 +109,7 @@ fn unknown(assistant: &Assistant, name: &str) -> ErrorData {
     ErrorData::invalid_params(format!("there is no tool {name:?}, only {}", known.join(", ")), None)
 }
 
-/// What has become of a call, in the protocol's form.
+/// Result of a call, in the protocol's form.
 fn result(outcome: Outcome) -> CallToolResult {
     let mut content = vec![ContentBlock::text(outcome.text)];
     if let Some(picture) = outcome.picture {

@@ -1,4 +1,4 @@
-//! What a tool is: a name, schemas for what goes in and out, and a function.
+//! A tool: a name, schemas of its input and output, and a function.
 
 use crate::Assistant;
 use rmcp::model::{JsonObject, Tool as Definition, ToolAnnotations};
@@ -13,15 +13,15 @@ const MAX_TEXT_BYTES: usize = 12_000;
 
 /// A tool of the server.
 pub trait Tool {
-    /// What a client passes. The doc comments of its fields are what the model reads.
+    /// The client's input. The model reads the doc comments of its fields.
     type Input: DeserializeOwned + JsonSchema + 'static;
-    /// What the client gets as structured data.
+    /// Structured data of the answer.
     type Output: Serialize + JsonSchema + 'static;
     /// The name by which it is called.
     const NAME: &'static str;
     /// Its name for people.
     const TITLE: &'static str;
-    /// What it does, for the model.
+    /// Description for the model.
     const DESCRIPTION: &'static str;
     /// True if it changes the map's file.
     const WRITES: bool = false;
@@ -63,7 +63,7 @@ impl From<String> for ToolError {
     }
 }
 
-/// What a call of a tool has led to.
+/// Result of a call of a tool.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// The answer in words, or what is wrong with the call.
@@ -89,7 +89,7 @@ impl Outcome {
 /// A tool in the table.
 #[derive(Clone)]
 pub struct ToolEntry {
-    /// What clients are told about it.
+    /// Its description for clients.
     pub definition: Definition,
     /// True if it changes the map's file.
     pub writes: bool,

@@ -33,7 +33,7 @@ pub struct Output {
     min_m: Option<[f64; 3]>,
     /// Largest coordinates of it, metres.
     max_m: Option<[f64; 3]>,
-    /// What is within 1 m, the nearest first; 4 at most.
+    /// Objects within 1 m, the nearest first; 4 at most.
     neighbours: Vec<NearObject>,
 }
 

@@ -1,6 +1,9 @@
 //! The protocol over HTTP: who is answered, and what.
 
-use crate::support::{options, room};
+use crate::support::{Client, options, room};
+use rmcp::ServiceExt;
+#[cfg(unix)]
+use rmcp::transport::{StreamableHttpClientTransport, UnixSocketHttpClient, streamable_http_client};
 use serde_json::{Value, json};
 use splatseg_mcp::{Assistant, HttpOptions, HttpServer};
 use splatseg_view::{Reach, Token};
@@ -88,4 +91,62 @@ fn addresses_of_the_network_are_refused() {
     assert!(error.contains("0.0.0.0:0") && error.contains("other computers could reach it"), "{error}");
     let taken = bind("127.0.0.1:0").unwrap();
     assert!(bind(&taken.address().to_string()).err().unwrap().contains(&taken.address().to_string()));
+}
+
+/// Carries what comes through a Unix socket to the server and back: the SDK's client without TLS speaks through such a
+/// socket. The threads end with the test program.
+#[cfg(unix)]
+fn forward(socket: &std::path::Path, server: SocketAddr) {
+    let listener = std::os::unix::net::UnixListener::bind(socket).unwrap();
+    std::thread::spawn(move || {
+        for client in listener.incoming() {
+            let (mut client, mut stream) = (client.unwrap(), TcpStream::connect(server).unwrap());
+            let (mut from_client, mut to_server) = (client.try_clone().unwrap(), stream.try_clone().unwrap());
+            std::thread::spawn(move || {
+                let _ = std::io::copy(&mut from_client, &mut to_server);
+                let _ = to_server.shutdown(std::net::Shutdown::Write);
+            });
+            std::thread::spawn(move || {
+                let _ = std::io::copy(&mut stream, &mut client);
+                let _ = client.shutdown(std::net::Shutdown::Both);
+            });
+        }
+    });
+}
+
+/// The SDK's own client, over HTTP: it lists the tools and calls them, two at the same time, too, and is told what is wrong
+/// with a token.
+#[cfg(unix)]
+#[test]
+fn the_client_of_the_sdk_is_served() {
+    let server = bind("127.0.0.1:0").unwrap();
+    let (url, address) = (server.url(), server.address());
+    std::thread::spawn(move || server.serve());
+    let folder = tempfile::tempdir().unwrap();
+    let socket = folder.path().join("socket");
+    forward(&socket, address);
+    let connect = async |token: &str| {
+        let client = UnixSocketHttpClient::new(socket.to_str().unwrap(), &url);
+        let config = streamable_http_client::StreamableHttpClientTransportConfig::with_uri(url.as_str());
+        let transport = StreamableHttpClientTransport::with_client(client, config.auth_header(token));
+        ().serve(transport).await
+    };
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+    runtime.block_on(async {
+        let refused = connect("0123456789abcdee").await.err().map(|error| error.to_string());
+        assert!(refused.as_deref().is_some_and(|error| error.contains("Auth")), "{refused:?}");
+        let client = Client(connect(TOKEN).await.unwrap());
+        assert_eq!(client.0.peer_info().unwrap().server_info.as_ref().unwrap().name, "splatseg");
+        assert_eq!(client.0.list_all_tools().await.unwrap().len(), 7);
+        let (text, data) = client.ask("where_is", json!({ "object": "mug" })).await;
+        assert!(text.contains("mug") && data["object"]["name"] == "mug", "{text} {data}");
+        let both = [json!({ "object": "mug" }), json!({ "object": "the largest" })];
+        let [one, two] = both.map(|arguments| client.ask("where_is", arguments));
+        let ((one, _), (two, _)) = tokio::join!(one, two);
+        assert!(one == text && two != text, "{one} {two}");
+        let picture = client.call("plan_view", json!({})).await;
+        assert!(picture.content.iter().any(|content| content.as_image().is_some()), "a picture");
+        assert!(client.refused("where_is", json!({ "object": "no such thing" })).await.contains("no such thing"));
+        client.0.cancel().await.unwrap();
+    });
 }
