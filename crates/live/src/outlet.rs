@@ -5,6 +5,7 @@ use splatseg::Pipeline;
 use splatseg::pipeline::FrameResult;
 use splatseg_geometry::{Image as Pixels, Intrinsics};
 use splatseg_objects::ObjectList;
+use splatseg_places::FloorPlan;
 use splatseg_ros::{
     CompressedImage, Detection3dArray, DiagnosticArray, Image, MarkerArray, Message, OccupancyGrid, PointCloud2,
     TextMessage, TfMessage,
@@ -146,6 +147,9 @@ pub trait Outlet: Send {
     /// Shows a frame, before its messages are published. Called for every frame.
     fn show_frame(&mut self, _frame: &LiveFrame<'_>) {}
 
+    /// Shows a new plan of the map; `None` if the map was replaced or shows no floor any more.
+    fn show_plan(&mut self, _plan: Option<&FloorPlan>) {}
+
     /// Shows all objects of the map, as often as [`Output::Objects`] is published, if someone watches.
     fn show_objects(&mut self, _objects: &ObjectList) {}
 }
@@ -194,6 +198,10 @@ impl Outlet for Vec<Box<dyn Outlet>> {
 
     fn show_frame(&mut self, frame: &LiveFrame<'_>) {
         self.iter_mut().for_each(|outlet| outlet.show_frame(frame));
+    }
+
+    fn show_plan(&mut self, plan: Option<&FloorPlan>) {
+        self.iter_mut().for_each(|outlet| outlet.show_plan(plan));
     }
 
     fn show_objects(&mut self, objects: &ObjectList) {

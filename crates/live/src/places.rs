@@ -12,7 +12,7 @@ pub(crate) struct LivePlaces {
     /// `None` until the first plan is wanted.
     beside: Option<PlanBeside>,
     latest: Option<MapPlaces>,
-    /// What the latest plan shows, or why there is none.
+    /// Summary of the latest plan, or the reason why there is none.
     summary: Option<String>,
 }
 
@@ -27,7 +27,7 @@ impl LivePlaces {
         self.latest.as_ref()
     }
 
-    /// What the latest plan shows, or why there is none; `None` before the first.
+    /// Summary of the latest plan, or the reason why there is none; `None` before the first.
     pub(crate) fn summary(&self) -> Option<&str> {
         self.summary.as_deref()
     }

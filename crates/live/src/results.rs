@@ -6,20 +6,23 @@ use splatseg::Pipeline;
 use splatseg::pipeline::{FrameResult, MapPlaces};
 use splatseg_dataset::CoordinateFrames;
 use splatseg_geometry::{Image, SegmentId};
-use splatseg_objects::{Object, SeenObjects};
+use splatseg_objects::{Object, ObjectList, SeenObjects};
 use splatseg_odometry::PoseState;
 use splatseg_output::draw_overlay;
 use splatseg_output::ros_messages::{
     CAMERA, CameraPose, IdPixels, PointBytes, ShownObject, WORLD, camera_pose, detections, id_image, markers,
     occupancy_grid, overlay, plan_transform,
 };
-use splatseg_ros::{Detection3dArray, Header, TextMessage, Time, to_cdr};
+use splatseg_places::FloorPlan;
+use splatseg_ros::{Detection3dArray, Header, OccupancyGrid, TextMessage, Time, to_cdr};
 use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// Child frame of the transform with the tracked pose. The camera's own frame may have a parent already.
 const TRACKED_CAMERA: &str = "splatseg_camera";
 const JPEG_QUALITY: u8 = 80;
+/// Value of a cell of which nothing is known, as in `nav_msgs/OccupancyGrid`.
+const UNKNOWN: i8 = -1;
 
 /// Makes and publishes messages.
 #[derive(Debug, Default)]
@@ -117,19 +120,46 @@ impl Results {
         stamp: Duration,
         outlet: &mut dyn Outlet,
     ) {
+        outlet.show_plan(places.plan.as_ref().ok());
         if let Ok(plan) = &places.plan {
             if let Some(transform) = plan_transform(time(stamp), plan, self.world()) {
                 send(outlet, Output::MapFrame, to_cdr(&transform));
             }
-            match occupancy_grid(time(stamp), plan, self.world()) {
-                Ok(message) => send(outlet, Output::Map, to_cdr(&message)),
-                Err(error) => tracing::warn!("{}: {error}", Output::Map.topic()),
-            }
+            self.publish_grid(plan, |values| values, stamp, outlet);
         }
-        let graph = pipeline.scene_graph(&objects(pipeline, seen, Some(places)));
-        match graph.to_json() {
-            Ok(data) => send(outlet, Output::SceneGraph, to_cdr(&TextMessage { data })),
-            Err(error) => tracing::warn!("{}: {error}", Output::SceneGraph.topic()),
+        publish_graph(pipeline, &objects(pipeline, seen, Some(places)), outlet);
+    }
+
+    /// Takes back the plan of a map that was replaced by that of `pipeline`: who drives by the grid, or comes later, must not
+    /// see walls of another place.
+    pub(crate) fn withdraw_places(
+        &self,
+        pipeline: &Pipeline,
+        (seen, places): (&SeenObjects, &MapPlaces),
+        stamp: Duration,
+        outlet: &mut dyn Outlet,
+    ) {
+        outlet.show_plan(None);
+        if let Ok(plan) = &places.plan {
+            self.publish_grid(plan, |values| vec![UNKNOWN; values.len()], stamp, outlet);
+        }
+        publish_graph(pipeline, &objects(pipeline, seen, None), outlet);
+    }
+
+    /// Publishes the grid of a plan with other values.
+    fn publish_grid(
+        &self,
+        plan: &FloorPlan,
+        values: impl FnOnce(Vec<i8>) -> Vec<i8>,
+        stamp: Duration,
+        outlet: &mut dyn Outlet,
+    ) {
+        match occupancy_grid(time(stamp), plan, self.world()) {
+            Ok(message) => {
+                let message = OccupancyGrid { data: values(message.data), ..message };
+                send(outlet, Output::Map, to_cdr(&message));
+            }
+            Err(error) => tracing::warn!("{}: {error}", Output::Map.topic()),
         }
     }
 
@@ -140,6 +170,13 @@ impl Results {
             self.world().clone_into(&mut message.header.frame_id);
             send(outlet, Output::Points, to_cdr(&message));
         }
+    }
+}
+
+fn publish_graph(pipeline: &Pipeline, objects: &ObjectList, outlet: &mut dyn Outlet) {
+    match pipeline.scene_graph(objects).to_json() {
+        Ok(data) => send(outlet, Output::SceneGraph, to_cdr(&TextMessage { data })),
+        Err(error) => tracing::warn!("{}: {error}", Output::SceneGraph.topic()),
     }
 }
 

@@ -233,6 +233,8 @@ impl LiveSession {
             self.answer_requests();
             self.do_what_is_due();
         }
+        // A name given at the last moment is saved, too.
+        self.answer_requests();
         Ok(())
     }
 
@@ -508,6 +510,10 @@ impl LiveSession {
         self.pipeline = started((self.build)(path)?);
         self.status.doubts.clear();
         self.seen = SeenObjects::default();
+        if let Some(places) = self.places.latest() {
+            let known = (&self.seen, places);
+            self.results.withdraw_places(&self.pipeline, known, self.latest_stamp, self.outlet.as_mut());
+        }
         self.places.forget();
         self.waiting = WaitingFrames::default();
         Ok(())

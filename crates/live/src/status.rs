@@ -39,7 +39,7 @@ pub struct LiveStatus {
     pub objects: usize,
     /// Gaussians of the map.
     pub gaussians: usize,
-    /// What the latest plan of the map shows, or why there is none; `None` before the first.
+    /// Summary of the latest plan of the map, or the reason why there is none; `None` before the first.
     pub places: Option<String>,
     /// State of the latest pose; `None` before the first frame.
     pub pose: Option<PoseState>,

@@ -4,6 +4,7 @@ use crate::{LiveFrame, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet,
 use splatseg_geometry::{Image as Pixels, SegmentId};
 use splatseg_objects::ObjectList;
 use splatseg_odometry::PoseState;
+use splatseg_places::FloorPlan;
 use splatseg_ros::{
     CompressedImage, Detection3dArray, DiagnosticArray, Image, MarkerArray, OccupancyGrid, PointCloud2, TextMessage,
     TfMessage,
@@ -101,6 +102,10 @@ impl Outlet for ViewOutlet {
         if let Some(map) = frame.pipeline.map() {
             self.server.publish_map(&map);
         }
+    }
+
+    fn show_plan(&mut self, plan: Option<&FloorPlan>) {
+        self.server.publish_plan(plan);
     }
 
     fn show_objects(&mut self, objects: &ObjectList) {

@@ -21,7 +21,7 @@ pub use glyphs::{GLYPH_HEIGHT, text_pixels, text_width};
 pub use mcap_file::{Compression, McapFile, SceneCounts, SceneRecording, StreamRecording};
 pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
-pub use page::{ComparedIds, MapData, Page, VIEWER_SCRIPT, encode_ids, live_page, map_data};
+pub use page::{ComparedIds, MapData, Page, PlanData, VIEWER_SCRIPT, encode_ids, live_page, map_data};
 pub use poses_file::PosesFile;
 pub use run_output::{ChangesSince, FrameRecord, ResultFolder, RunEnd, RunOutput, UpdatedFrame};
 

@@ -1,4 +1,4 @@
-//! What a viewer of the page may ask of the program: to find objects by words, to give them labels, and to merge them.
+//! Requests of a viewer of the page to the program: find objects by words, give them labels, merge them.
 
 use serde_json::{Value, json};
 use splatseg_geometry::SegmentId;
@@ -10,7 +10,7 @@ const MAX_TEXT: usize = 300;
 /// Maximum number of objects to merge at once.
 const MAX_MERGED: usize = 1000;
 
-/// What a viewer asks.
+/// A viewer's request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ViewRequest {
     /// Find the objects that fit a text.
@@ -26,7 +26,7 @@ pub enum ViewRequest {
 pub enum ViewAnswer {
     /// The objects that fit a text, best first, each with its score, 0 to 1.
     Found(Vec<(SegmentId, f32)>),
-    /// What was asked is done.
+    /// The request is done.
     Done,
 }
 

@@ -39,7 +39,7 @@ const MAX_MESSAGE: usize = 64 << 10;
 /// Messages of a viewer that are read before it is sent something again.
 const MAX_MESSAGES: usize = 32;
 const READ_BUFFER: usize = 4 << 10;
-/// A viewer is asked for a sign of life this often in the time in which it must give one.
+/// Number of pings in the time in which a viewer must answer one.
 const PINGS: u32 = 3;
 
 /// The open connections.
@@ -56,7 +56,7 @@ struct Open {
     stage: Stage,
 }
 
-/// What is known of a connection.
+/// State of a connection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     /// It has not shown the token.
@@ -239,6 +239,9 @@ pub(crate) trait Viewer {
     /// Returns the next message, if the viewer can take one.
     fn next(&mut self) -> Option<Message>;
 
+    /// Returns the next message when the server stops, whether or not the viewer has shown those before.
+    fn remaining(&mut self) -> Option<Message>;
+
     /// Waits for a message, at most for this long.
     fn wait(&mut self, time: Duration);
 
@@ -333,7 +336,7 @@ fn attend(
     }
     // A farewell, by which the viewer knows that nothing was lost; the connection ends anyway.
     socket.get_mut().allow(FAREWELL_TIME);
-    while let Some(message) = viewer.next() {
+    while let Some(message) = viewer.remaining() {
         if socket.send(message).is_err() {
             break;
         }

@@ -38,7 +38,17 @@ pub(crate) fn run(shared: &Shared) {
                     sent.map = Some(map);
                 }
             }
+            Work::Plan(plan) => {
+                let (origin, _) = shared.pages.origin_and_rate();
+                let message = page_messages::plan(plan.as_deref(), origin);
+                shared.pages.send(PageMessage::Plan, &message, &shared.counters);
+            }
             Work::Idle => send_objects(shared, &mut sent),
+            Work::Last => {
+                sent.objects_time = None;
+                send_objects(shared, &mut sent);
+                shared.pages.set_finished();
+            }
             Work::Stop => return,
         }
         if Instant::now() >= next_status {

@@ -53,6 +53,10 @@ impl Viewer for FoxgloveViewer<'_> {
         })
     }
 
+    fn remaining(&mut self) -> Option<Message> {
+        self.next()
+    }
+
     fn wait(&mut self, time: Duration) {
         self.queue.wait(time);
     }

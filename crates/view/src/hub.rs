@@ -9,6 +9,7 @@ use crate::{AnswerViewer, Token, ViewFrame, ViewLimits};
 use glam::{DVec3, Vec3};
 use splatseg_geometry::{MapView, Pose, UpEstimate};
 use splatseg_output::{MapData, map_data};
+use splatseg_places::FloorPlan;
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, OnceLock, PoisonError};
@@ -24,7 +25,7 @@ const MAX_DISTANCE: f64 = 128.0;
 /// Maps are made in at most this part of the caller's time.
 const MAX_MAP_SHARE: u32 = 50;
 
-/// What answers viewers.
+/// Answers viewers.
 pub(crate) struct Answer(pub(crate) AnswerViewer);
 
 impl std::fmt::Debug for Answer {
@@ -96,8 +97,12 @@ pub(crate) struct PlacedFrame {
 pub(crate) enum Work {
     Frame(Box<PlacedFrame>),
     Map(Box<MapData>, Vec3),
+    /// The plan of the map, `None` if it has none any more.
+    Plan(Option<Box<FloorPlan>>),
     /// Nothing new for a while.
     Idle,
+    /// Nothing more will come: what was held back is to be sent, then [`PageHub::set_finished`] called.
+    Last,
     Stop,
 }
 
@@ -106,6 +111,7 @@ pub(crate) enum Work {
 pub(crate) struct PageHub {
     state: Mutex<State>,
     work: Condvar,
+    finished: Condvar,
 }
 
 #[derive(Debug, Default)]
@@ -113,6 +119,8 @@ struct State {
     viewers: Vec<Arc<PageSlot>>,
     frame: Option<Box<PlacedFrame>>,
     map: Option<Box<MapData>>,
+    /// The plan that nobody has been sent; it waits for a viewer.
+    plan: Option<Option<Box<FloorPlan>>>,
     /// The latest message of each kind, for viewers that come later.
     latest: [Option<Message>; PageMessage::COUNT],
     path: CameraPath,
@@ -121,6 +129,19 @@ struct State {
     published: VecDeque<Instant>,
     next_map: Option<Instant>,
     notes: Vec<String>,
+    end: End,
+}
+
+/// How far the end of a server is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+enum End {
+    /// Results may come.
+    #[default]
+    Open,
+    /// No more will come.
+    Awaited,
+    /// All have been given to the viewers.
+    Finished,
 }
 
 impl State {
@@ -138,6 +159,13 @@ impl State {
         }
         let seconds = (*last - *first).as_secs_f32();
         if seconds > 0.0 { (self.published.len() - 1) as f32 / seconds } else { 0.0 }
+    }
+
+    fn has_work(&self) -> bool {
+        self.frame.is_some()
+            || self.map.is_some()
+            || (self.plan.is_some() && !self.viewers.is_empty())
+            || self.end == End::Awaited
     }
 }
 
@@ -193,9 +221,31 @@ impl PageHub {
         drop(old);
     }
 
+    /// Puts a plan in the encoder's slot.
+    pub(crate) fn put_plan(&self, plan: Option<FloorPlan>) {
+        let old = lock(&self.state).plan.replace(plan.map(Box::new));
+        self.work.notify_one();
+        drop(old);
+    }
+
+    /// Waits until everything that was put here has been given to the viewers, at most for this long.
+    pub(crate) fn finish(&self, time: Duration) {
+        let mut state = lock(&self.state);
+        state.end = End::Awaited;
+        self.work.notify_one();
+        let waited = self.finished.wait_timeout_while(state, time, |state| state.end == End::Awaited);
+        drop(waited.unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// Says that everything has been given to the viewers.
+    pub(crate) fn set_finished(&self) {
+        lock(&self.state).end = End::Finished;
+        self.finished.notify_all();
+    }
+
     /// Waits for work, at most for this long.
     pub(crate) fn next_work(&self, time: Duration, is_stopping: impl Fn() -> bool) -> Work {
-        let nothing = |state: &mut State| !is_stopping() && state.frame.is_none() && state.map.is_none();
+        let nothing = |state: &mut State| !is_stopping() && !state.has_work();
         let waited = self.work.wait_timeout_while(lock(&self.state), time, nothing);
         let (mut state, _) = waited.unwrap_or_else(PoisonError::into_inner);
         if is_stopping() {
@@ -204,8 +254,15 @@ impl PageHub {
         if let Some(frame) = state.frame.take() {
             return Work::Frame(frame);
         }
-        let up = state.up.direction();
-        state.map.take().map_or(Work::Idle, |map| Work::Map(map, up))
+        if let Some(map) = state.map.take() {
+            return Work::Map(map, state.up.direction());
+        }
+        if !state.viewers.is_empty()
+            && let Some(plan) = state.plan.take()
+        {
+            return Work::Plan(plan);
+        }
+        if state.end == End::Awaited { Work::Last } else { Work::Idle }
     }
 
     /// Sets what the page says besides the lines of the latest frame.
@@ -245,12 +302,14 @@ impl PageHub {
         let slot = Arc::new(PageSlot::default());
         let origin = state.origin.unwrap_or_default();
         slot.put(PageMessage::Hello, page_messages::hello(hello, origin, &state.path));
-        for kind in [PageMessage::Objects, PageMessage::Frame, PageMessage::Map] {
+        for kind in [PageMessage::Objects, PageMessage::Frame, PageMessage::Map, PageMessage::Plan] {
             if let Some(Some(message)) = state.latest.get(kind as usize) {
                 slot.put(kind, message.clone());
             }
         }
         state.viewers.push(Arc::clone(&slot));
+        drop(state);
+        self.work.notify_one();
         Some(slot)
     }
 

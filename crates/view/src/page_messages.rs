@@ -11,7 +11,8 @@ use image::codecs::jpeg::JpegEncoder;
 use image::{ExtendedColorType, ImageError, RgbImage, imageops};
 use serde_json::{Value, json};
 use splatseg_geometry::{Image, ImageSizeError, Pose, SegmentMap};
-use splatseg_output::{MapData, encode_ids, segment_color};
+use splatseg_output::{MapData, PlanData, encode_ids, segment_color};
+use splatseg_places::FloorPlan;
 use thiserror::Error;
 use tungstenite::Message;
 
@@ -34,7 +35,7 @@ fn text(value: &Value) -> Message {
     Message::text(value.to_string())
 }
 
-/// What the first message says of a server.
+/// Description of a server in the first message.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hello<'a> {
     pub(crate) scene: &'a str,
@@ -82,6 +83,11 @@ pub(crate) fn objects(objects: &[ViewObject]) -> Message {
 /// The map, relative to `origin`; `up` points up in world coordinates.
 pub(crate) fn map(map: &MapData, up: Vec3, origin: DVec3) -> Message {
     text(&json!({ "kind": "map", "up": up, "origin": origin, "map": map }))
+}
+
+/// The plan of the map, for a page whose coordinates are relative to `origin`; `None` if it has none any more.
+pub(crate) fn plan(plan: Option<&FloorPlan>, origin: DVec3) -> Message {
+    text(&json!({ "kind": "plan", "plan": plan.map(|plan| PlanData::new(plan, origin)) }))
 }
 
 /// A frame with its result, at most [`MAX_WIDTH`] pixels wide. Poses are relative to `origin`.

@@ -63,6 +63,10 @@ impl Viewer for PageViewer<'_> {
         Some(message)
     }
 
+    fn remaining(&mut self) -> Option<Message> {
+        self.slot.take()
+    }
+
     fn wait(&mut self, time: Duration) {
         if self.under_way == MAX_UNDER_WAY { std::thread::sleep(PAUSE) } else { self.slot.wait(time) }
     }

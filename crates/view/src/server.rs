@@ -5,6 +5,7 @@ use crate::encoder;
 use crate::hub::{Answer, PlacedFrame, Shared};
 use crate::{AnswerViewer, Channel, ChannelId, Reach, Token, ViewCounts, ViewError, ViewFrame, ViewOptions};
 use splatseg_geometry::{MapView, Pose};
+use splatseg_places::FloorPlan;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
 use std::sync::Arc;
@@ -13,6 +14,8 @@ use std::time::Duration;
 
 /// Time for viewers to be told that the server stops, and to leave.
 const FAREWELL_TIME: Duration = Duration::from_millis(200);
+/// The last results must be encoded in this time.
+const FINISH_TIME: Duration = Duration::from_millis(200);
 const END_TIME: Duration = Duration::from_millis(500);
 
 /// A server for viewers of a run. It stops when dropped.
@@ -115,6 +118,12 @@ impl ViewServer {
         }
     }
 
+    /// Publishes the plan of the map, or that it has none any more. The page keeps the latest one, also for viewers that come
+    /// later. Does not wait.
+    pub fn publish_plan(&self, plan: Option<&FloorPlan>) {
+        self.shared.pages.put_plan(plan.cloned());
+    }
+
     /// Adds a channel for Foxglove.
     pub fn add_channel(&self, channel: Channel) -> ChannelId {
         self.shared.messages.add_channel(channel)
@@ -143,6 +152,8 @@ impl ViewServer {
 
 impl Drop for ViewServer {
     fn drop(&mut self) {
+        // The last results of a session are what viewers go on looking at.
+        self.shared.pages.finish(FINISH_TIME);
         self.shared.stop();
         self.connections.wait_for_viewers(FAREWELL_TIME);
         self.connections.end(END_TIME);

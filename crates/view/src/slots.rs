@@ -25,10 +25,11 @@ pub(crate) enum PageMessage {
     Objects,
     Frame,
     Map,
+    Plan,
 }
 
 impl PageMessage {
-    pub(crate) const COUNT: usize = 8;
+    pub(crate) const COUNT: usize = 9;
 }
 
 /// The newest message of each kind that a page has not been sent.

@@ -231,6 +231,37 @@ fn requests_are_answered_between_frames() {
     assert!(saved.map().exists());
 }
 
+/// Who drives by the grid must not see walls of a map that was replaced.
+#[test]
+fn after_a_reset_the_plan_of_the_map_before_is_withdrawn() {
+    let mut setting = setting(LiveOptions::default(), None);
+    play(&mut setting);
+    let (requests, published) = (setting.session.requests(), Arc::clone(&setting.published));
+    let position = published.lock().unwrap().len();
+    let before = published.lock().unwrap().iter().rev().find(|(output, _)| *output == Output::Map).unwrap().1.clone();
+    let before: OccupancyGrid = from_cdr(&before).unwrap();
+    assert!(before.data.contains(&0) && before.data.contains(&100));
+    // What is asked when the frames have ended is done, too.
+    let is_done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            let answer = requests.send(LiveRequest::Reset, Duration::from_secs(20));
+            is_done.store(true, Ordering::SeqCst);
+            answer.unwrap();
+        });
+        while !is_done.load(Ordering::SeqCst) {
+            setting.session.run(&mut || false).unwrap();
+        }
+    });
+    let published = published.lock().unwrap();
+    let after = |wanted| published[position..].iter().find(|(output, _)| *output == wanted).unwrap().1.as_slice();
+    let grid: OccupancyGrid = from_cdr(after(Output::Map)).unwrap();
+    assert_eq!((grid.data, grid.info.origin), (vec![-1; before.data.len()], before.info.origin));
+    let graph: TextMessage = from_cdr(after(Output::SceneGraph)).unwrap();
+    let graph: SceneGraph = serde_json::from_str(&graph.data).unwrap();
+    assert_eq!(graph.objects.len(), 0);
+}
+
 #[test]
 fn bytes_that_are_no_messages_are_counted() {
     let setting = setting(LiveOptions::default(), None);

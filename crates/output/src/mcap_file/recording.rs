@@ -25,7 +25,7 @@ pub(super) struct Recording {
     channels: BTreeMap<String, u16>,
 }
 
-/// What the header of a file says of its messages.
+/// The description of messages in the header of a file.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Profile {
     /// All are of ROS 2.

@@ -38,7 +38,7 @@ pub struct SceneRecording {
     latest: Option<i64>,
 }
 
-/// What a recording of a scene has so far.
+/// State of the recording of a scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneCounts {
     /// Number of frames.

@@ -110,7 +110,7 @@ pub(super) fn scene_update(objects: &[ShownObject]) -> SceneUpdate {
     SceneUpdate { deletions: [], entities: objects.iter().map(entity).collect() }
 }
 
-/// What is known of an object: `frames`, `label`, `label_score`, and `label_alternatives` as `cup 0.31, bowl 0.12`.
+/// Properties of an object: `frames`, `label`, `label_score`, and `label_alternatives` as `cup 0.31, bowl 0.12`.
 fn metadata(object: &ShownObject) -> Vec<KeyValue> {
     let mut known = vec![KeyValue { key: "frames", value: object.frames.to_string() }];
     if let Some(label) = &object.label {

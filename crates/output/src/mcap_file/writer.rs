@@ -26,7 +26,7 @@ pub(super) struct McapWriter<W> {
     summary: Summary,
 }
 
-/// What the summary of a file says.
+/// The summary of a file.
 #[derive(Default)]
 struct Summary {
     /// Schema records.

@@ -42,7 +42,7 @@ pub struct ComparedIds {
 /// Width, height and encoded ids of a frame.
 type EncodedIds = (usize, usize, String);
 
-/// What the page says of a comparison.
+/// Data of a comparison on the page.
 #[derive(Debug, Serialize)]
 struct ComparisonData<'a> {
     name: &'a str,

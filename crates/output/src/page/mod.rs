@@ -27,6 +27,7 @@ mod sightings;
 pub use compared::ComparedIds;
 pub use ids::encode_ids;
 pub use map::{MapData, map_data};
+pub use plan::PlanData;
 
 use crate::crops::WaitingCrops;
 use crate::error::saved_state;
@@ -36,7 +37,6 @@ use base64::engine::general_purpose::STANDARD;
 use changes::ChangesData;
 use data::{CameraData, ObjectData, RunData};
 use glam::{DQuat, DVec3};
-use plan::PlanData;
 use serde::{Deserialize, Serialize};
 use sightings::{Sightings, larger};
 use splatseg_geometry::{Pose, RemappedId, SegmentId, UpEstimate};

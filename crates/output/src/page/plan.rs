@@ -30,7 +30,7 @@ pub struct PlanData {
     /// Cells along x and y.
     width: usize,
     height: usize,
-    /// What is known of each cell, in rows from the lowest y: 0 unknown, 1 occupied, 2 free, and 2 plus its number for free
+    /// State of each cell, in rows from the lowest y: 0 unknown, 1 occupied, 2 free, and 2 plus its number for free
     /// cells of a room. Encoded as the ids of a frame, in base64.
     cells: String,
     /// Rotation of plan from world: x, y, z, w.

@@ -1,4 +1,4 @@
-//! What is shown of a segment without depth and without any surface near it: a window at night, or the sky.
+//! Outputs for a segment without depth and without any surface near it: a window at night, or the sky.
 
 use glam::DVec3;
 use splatseg_geometry::{Image, Pose, SegmentMap};

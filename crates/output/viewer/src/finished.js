@@ -154,7 +154,7 @@ export function showRun(run) {
     run.edit(edits);
     describe(run);
     map?.mergeObjects(run.into);
-    plan?.mergeObjects(run.into);
+    plan?.mergeObjects();
     list.update(run.objects);
     tracks.update(run.objects);
     visibility.hide([...visibility.hidden].filter((id) => run.byId.has(id)));

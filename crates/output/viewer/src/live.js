@@ -15,6 +15,7 @@ import { Merging } from "./merging.js";
 import { ObjectInfo } from "./object_info.js";
 import { ObjectList } from "./object_list.js";
 import { Picture } from "./picture.js";
+import { PlanView } from "./plan_view.js";
 import { Tracks } from "./tracks.js";
 import { Visibility } from "./visibility.js";
 import { Words } from "./words.js";
@@ -36,6 +37,8 @@ class LivePage {
   #run = new LiveRun();
   #status = new LiveStatus();
   #map = null;
+  #plan = null;
+  #controls;
   #selected = 0;
   #url = null;
   #socket = null;
@@ -46,10 +49,14 @@ class LivePage {
   #list = new ObjectList([], { pick: (id) => this.#toggle(id), filter: (isFound) => this.#tracks.show(isFound) });
   #clock = new LiveClock();
   #tracks = new Tracks({ objects: [] }, this.#clock, { seek: () => {}, pick: (id) => this.#toggle(id) });
+  /** Which objects map and plan draw. */
+  #isShown = () => true;
   #words = new Words((ids) => this.#list.showFound(ids));
   #labels = new LabelForm();
   #visibility = new Visibility((isShown) => {
     this.#map?.showObjects(isShown);
+    this.#plan?.showObjects(isShown);
+    this.#isShown = isShown;
     this.#list.showDrawn(isShown);
     this.#showDrawn();
   });
@@ -79,21 +86,22 @@ class LivePage {
   constructor() {
     document.documentElement.classList.add("live");
     byElementId("map-hint").textContent = "The map appears here as it grows";
-    const controls = listenToControls(() => this.#map, () => {});
+    this.#controls = listenToControls(() => this.#map, () => {});
     listenToKeys({
-      m: controls.m,
-      r: controls.r,
+      m: () => this.#plan?.isOn || this.#controls.m(),
+      p: () => this.#plan?.turn(!this.#plan.isOn),
+      r: this.#controls.r,
       o: () => this.#picture.toggleOverlay(),
       i: () => this.#visibility.toggleIsolated(),
       h: () => this.#visibility.toggleHidden(),
       n: () => this.#labels.focus(),
       u: () => this.#turnMerging(),
-      Escape: () => this.#merging.stop() || controls.stopMeasuring() || this.#select(0),
+      Escape: () => this.#merging.stop() || this.#controls.stopMeasuring() || this.#select(0),
     });
     listenToDownloads(this.#run, () => this.#map);
     this.#connect(PAUSES_MS[0]);
     // For the browser's console and tests.
-    window.splatsegPage = { run: this.#run, map: () => this.#map, select: (id) => this.#select(id) };
+    window.splatsegPage = { run: this.#run, map: () => this.#map, plan: () => this.#plan, select: (id) => this.#select(id) };
   }
 
   #connect(pause) {
@@ -138,6 +146,7 @@ class LivePage {
     show.merged = () => this.#showMerged(message);
     show.objects = () => this.#showObjects(message);
     show.map = () => this.#showMap(message);
+    show.plan = () => this.#showPlan(message);
     return show[message.kind]?.();
   }
 
@@ -190,6 +199,7 @@ class LivePage {
     this.#status.setFrame(frame);
     this.#map?.updatePath();
     this.#map?.showFrame(frame.number);
+    this.#plan?.showFrame(frame.number);
     this.#lines = frame.lines;
     this.#showLines();
     document.documentElement.dataset.frame = String(frame.number);
@@ -212,6 +222,7 @@ class LivePage {
     this.#run.merge(message);
     this.#showObjects({ objects: this.#run.objects });
     this.#map?.mergeObjects(this.#run.into);
+    this.#plan?.mergeObjects();
     this.#select(message.into);
   }
 
@@ -235,12 +246,35 @@ class LivePage {
     document.documentElement.dataset.gaussians = String(map.total);
   }
 
+  /** There is a newer plan of the rooms, or none any more. */
+  #showPlan({ plan }) {
+    this.#run.plan = plan;
+    if (this.#plan) this.#plan.update();
+    else this.#createPlan();
+    document.documentElement.dataset.rooms = String(plan?.rooms.length ?? 0);
+  }
+
+  /** The plan takes the place of the map, so it needs one. */
+  #createPlan() {
+    if (!this.#run.plan || !this.#map) return;
+    this.#plan = new PlanView(this.#run, {
+      pick: (id) => this.#pick(id),
+      turned: (on) => {
+        this.#controls.stopMeasuring();
+        this.#map.cover(on);
+      },
+    });
+    this.#plan.showObjects(this.#isShown);
+    this.#plan.mark(this.#selected);
+  }
+
   #createMap() {
     try {
       this.#map = new MapView(this.#run, { pick: (id) => this.#pick(id) });
       this.#map.mergeObjects(this.#run.into);
       byElementId("map-hint").textContent = "Drag to orbit, scroll to zoom, click an object";
       if (this.#run.cameraOf()) this.#map.showFrame(0);
+      this.#createPlan();
     } catch (error) {
       byElementId("map").parentElement.classList.add("flat");
       note("map-note", `The map cannot be shown in 3D: ${error.message}`);
@@ -276,6 +310,7 @@ class LivePage {
     this.#tracks.mark(id);
     if (!this.#merging.isOn) this.#picture.mark([id]);
     this.#map?.mark(id);
+    this.#plan?.mark(id);
     this.#visibility.select(id);
     this.#showDrawn();
   }

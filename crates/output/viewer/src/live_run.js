@@ -16,6 +16,8 @@ export class LiveRun {
   origin = [0, 0, 0];
   up = [0, 0, 1];
   map = null;
+  /** The floor plan; null if there is none yet. */
+  plan = null;
   changes = null;
   objects = [];
   /** For each object that was merged into another one, that one: maps and frames that are under way have the old ids. */

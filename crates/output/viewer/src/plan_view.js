@@ -33,10 +33,8 @@ export class PlanView {
   /** `actions`: `pick(id)` after a click on an object, 0 for none; `turned(on)` when it was turned on or off. */
   constructor(run, actions) {
     this.#run = run;
-    this.#plan = run.plan;
     this.#turned = actions.turned;
-    const { width, height, cells } = run.plan;
-    this.#cells = decode(bytesOf(cells), width, height);
+    this.#read();
     this.#motion = new PlanMotion(this.#canvas, {
       moved: () => this.#draw(),
       click: (x, y) => actions.pick(this.#objectAt(x, y)),
@@ -50,8 +48,29 @@ export class PlanView {
     this.#paint();
   }
 
-  /** Shows the plan, or the map in 3D. */
-  turn(on) {
+  /** Reads the run's plan, with merged objects as the one that they are. */
+  #read() {
+    const { width, height, cells, objects } = this.#run.plan;
+    this.#plan = { ...this.#run.plan, objects: objects.map((object) => ({ ...object, id: this.#run.into.get(object.id) ?? object.id })) };
+    this.#cells = decode(bytesOf(cells), width, height);
+  }
+
+  /** The run has a newer plan, or none any more. What the user looks at stays where it is. */
+  update() {
+    this.#button.hidden = !this.#run.plan;
+    if (!this.#run.plan) return this.isOn && this.turn(false);
+    const before = this.#plan.origin;
+    this.#read();
+    const { scale } = this.#motion;
+    this.#motion.x += (this.#plan.origin[0] - before[0]) * scale;
+    this.#motion.y -= (this.#plan.origin[1] - before[1]) * scale;
+    this.#paint();
+    this.#resize();
+  }
+
+  /** Shows the plan, or the map in 3D; without a plan, the map. */
+  turn(wanted) {
+    const on = wanted && Boolean(this.#run.plan);
     this.isOn = on;
     this.#stage.parentElement.classList.toggle("planned", on);
     this.#canvas.hidden = !on;
@@ -71,9 +90,9 @@ export class PlanView {
     this.#draw();
   }
 
-  /** Draws objects that were merged as the one that they are: `into` has it for each of the others. */
-  mergeObjects(into) {
-    this.#plan = { ...this.#run.plan, objects: this.#run.plan.objects.map((object) => ({ ...object, id: into.get(object.id) ?? object.id })) };
+  /** Draws objects that were merged as the one that they are. */
+  mergeObjects() {
+    if (this.#run.plan) this.#read();
     this.#draw();
   }
 
@@ -153,7 +172,7 @@ export class PlanView {
     for (const { id, outlines } of drawn) {
       drawFootprint(view, outlines, this.#run.byId.get(id), { isMarked: id === this.#selected, isAny: this.#selected !== 0 });
     }
-    if (byElementId("path").checked) drawCamera(view, this.#cameraPath(), this.#run.frameCount && this.#camera());
+    if (byElementId("path").checked) drawCamera(view, this.#cameraPath(), this.#run.frameCount ? this.#camera() : null);
     const texts = new Texts(view);
     const marked = drawn.filter(({ id }) => id === this.#selected);
     for (const { id, outlines } of marked) texts.addObject(outlines, this.#run.byId.get(id));
@@ -167,9 +186,11 @@ export class PlanView {
     return this.#run.places().map((place) => this.#onPlan(place));
   }
 
-  /** Where the camera is and where it looks at this frame. */
+  /** Where the camera is and where it looks at this frame; null if it is lost. */
   #camera() {
-    const { position, quaternion } = this.#run.poseOf(this.#frame);
+    const pose = this.#run.poseOf(this.#frame);
+    if (!pose) return null;
+    const { position, quaternion } = pose;
     const ahead = turned(quaternion, [0, 0, 1]);
     const from = this.#onPlan(position);
     const to = this.#onPlan(Array.from(position, (value, axis) => value + ahead[axis]));

@@ -184,6 +184,19 @@ fn the_live_page_has_a_timeline_isolates_objects_and_merges_them_in_the_saved_ma
     ));
     browser.wait_for("document.documentElement.dataset.state === 'ended'");
     assert!(live.child.wait().unwrap().success());
+    // The plan of the whole map has come before the end, with its rooms and the objects that were merged as one.
+    browser.wait_for("Number(document.documentElement.dataset.rooms) > 0");
+    browser.press("p");
+    assert_eq!(browser.value("splatsegPage.plan().isOn && !document.getElementById('plan').hidden"), true);
+    assert_eq!(
+        browser.value(&format!("splatsegPage.run.plan.objects.some(({{ id }}) => id === {from})")),
+        false,
+        "the plan is of the map after the merge"
+    );
+    let floor = "(() => { const canvas = document.getElementById('plan'); splatsegPage.plan().drawNow(); \
+        const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data; \
+        return data.some((value, at) => at % 4 === 3 && value > 0); })()";
+    assert_eq!(browser.value(floor), true, "the plan is drawn");
     let list = splatseg::pipeline::NamedMap::load(&map).unwrap().object_list();
     assert!(list.get(from as u32).is_none() && list.get(into as u32).is_some());
     assert_eq!(browser.errors, [] as [String; 0]);

@@ -3,10 +3,13 @@
 use crate::client::{CLOSE, TEXT, WebSocket, frame, pose_at, start, wait_until};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use glam::{DMat3, DQuat, DVec3};
 use serde_json::{Value, json};
-use splatseg_geometry::SegmentId;
+use splatseg_geometry::{Image, Pose, SegmentId};
 use splatseg_memory::{MemorySettings, SplatMemory};
-use splatseg_test_scenes::recording;
+use splatseg_objects::DepthView;
+use splatseg_places::{FloorPlan, PlanSettings};
+use splatseg_test_scenes::{camera, recording};
 use splatseg_view::{ViewAnswer, ViewFrame, ViewLimits, ViewRequest, ViewServer};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -173,6 +176,66 @@ fn the_map_comes_when_it_is_due_and_has_changed() {
     memory.update(memory.recall(&frames[1].0), ids, &BTreeSet::new()).unwrap();
     server.publish_map(&memory.map());
     assert_eq!(page.page_message("map").unwrap().0["map"]["total"], memory.gaussian_count());
+}
+
+/// A level floor, seen from a height of 1.5 m by a camera that looks 15 degrees down.
+fn floor_plan() -> FloorPlan {
+    let memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
+    let (down, across) = 15_f64.to_radians().sin_cos();
+    let axes = DMat3::from_cols(DVec3::X, DVec3::new(0.0, -down, -across), DVec3::new(0.0, across, -down));
+    let position = DVec3::new(0.0, 0.0, 1.5);
+    let world_from_camera = Pose::from_quaternion(position, DQuat::from_mat3(&axes)).unwrap();
+    let (intrinsics, (width, height)) = (camera(320, 240, 280.0), (320, 240));
+    let depth = Image::from_fn(width, height, |_, row| {
+        let below = (row as f64 - f64::from(intrinsics.cy)) / f64::from(intrinsics.fy);
+        // Nothing above the horizon.
+        if across * below + down > 0.0 { (position.z / (across * below + down)) as f32 } else { 0.0 }
+    });
+    FloorPlan::new(&memory.map(), &[DepthView { world_from_camera, intrinsics, depth }], PlanSettings::default())
+        .unwrap()
+}
+
+#[test]
+fn the_plan_waits_for_a_viewer_and_goes_with_its_map() {
+    let server = start(ViewLimits::default());
+    server.publish_plan(Some(&floor_plan()));
+    let mut first = watched(&server);
+    let (plan, _) = first.page_message("plan").unwrap();
+    let [width, height] = ["width", "height"].map(|side| number(&plan["plan"][side]));
+    let cells = STANDARD.decode(plan["plan"]["cells"].as_str().unwrap()).unwrap();
+    assert!(ids(&cells, width, height).iter().any(|code| *code >= 2), "some cells are free");
+    let mut later = watched(&server);
+    assert_eq!(later.page_message("plan").unwrap().0, plan);
+    server.publish_plan(None);
+    for page in [&mut first, &mut later] {
+        assert_eq!(page.page_message("plan").unwrap().0["plan"], Value::Null);
+    }
+}
+
+#[test]
+fn the_last_results_reach_viewers_before_the_end_of_the_session() {
+    let server = start(ViewLimits::default());
+    let mut page = watched(&server);
+    let labelled = |label: &str| {
+        let mut frame = frame(1, 32, 24);
+        frame.objects.iter_mut().for_each(|object| object.label = Some(label.to_owned()));
+        frame
+    };
+    // The second list is not due yet when the server ends.
+    server.publish_frame(None, || labelled("first"));
+    assert_eq!(page.page_message("objects").unwrap().0["objects"][0]["label"], "first");
+    server.publish_frame(None, || labelled("last"));
+    server.publish_plan(Some(&floor_plan()));
+    drop(server);
+    let mut kinds = BTreeSet::new();
+    while let Some((kind, payload)) = page.receive().filter(|(kind, _)| *kind != CLOSE) {
+        if kind == TEXT {
+            let message: Value = serde_json::from_slice(&payload).unwrap();
+            assert!(message["kind"] != "objects" || message["objects"][0]["label"] == "last", "{message}");
+            kinds.insert(message["kind"].as_str().unwrap().to_owned());
+        }
+    }
+    assert!(kinds.contains("objects") && kinds.contains("plan"), "{kinds:?}");
 }
 
 #[test]
