@@ -18,7 +18,7 @@ pub struct LearningExtent {
     pub active_gaussians: usize,
 }
 
-/// What the evidence of all frames says that a Gaussian is part of; see
+/// The object of a Gaussian according to the evidence of all frames; see
 /// [`SplatMemory::decide_objects`](crate::SplatMemory::decide_objects).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Verdict {

@@ -1,4 +1,4 @@
-//! What a frame and the map show in one tile, without segments.
+//! Surfaces of a frame and of the map in one tile, without segments.
 
 use crate::MemorySettings;
 use splatseg_geometry::CowImage;

@@ -25,7 +25,7 @@ const MIN_COSINE: f32 = 0.15;
 /// Weight of a pixel at the edge of a surface, relative to others.
 const EDGE_WEIGHT: f32 = 0.3;
 
-/// What a pixel measures.
+/// Measurement of a pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct DepthPlane {
     /// Inverse depth, 1/m; 0 where nothing was measured.

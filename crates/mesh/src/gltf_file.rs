@@ -19,7 +19,7 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// Sizes in a file are 32-bit numbers.
 const MAX_BYTES: usize = u32::MAX as usize / 2;
 
-/// What a file says about an object.
+/// Data about an object in a file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GltfObject {
     /// Its label, if it has one.

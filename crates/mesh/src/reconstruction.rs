@@ -48,9 +48,9 @@ pub enum MeshError {
     MemoryLimit {
         /// Their size, metres.
         voxel: f32,
-        /// What they need.
+        /// Memory that they need, bytes.
         needed: String,
-        /// What they may take.
+        /// Memory that they may take, bytes.
         limit: String,
     },
     /// No keyframe has depth.

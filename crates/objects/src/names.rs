@@ -51,7 +51,7 @@ pub struct LabelScore {
     pub score: f32,
 }
 
-/// What is known of a label besides its text, in a file.
+/// Details of a label besides its text, in a file.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 struct LabelDetails {
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -12,7 +12,7 @@ const REACH_M: (f32, f32) = (0.05, 0.3);
 /// Side of the grid cells for looking up Gaussians, metres.
 const CELL_M: f32 = 0.1;
 
-/// What the Gaussians around a vertex show.
+/// Votes of the Gaussians around a vertex.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct VertexId {
     /// The id of the Gaussians around it; 0 if there are none or they have no id.

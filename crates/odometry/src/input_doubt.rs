@@ -1,6 +1,6 @@
-//! What is conspicuous about the input of a run.
+//! Doubts about the input of a run.
 
-/// What a doubt is about.
+/// Subject of a doubt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum DoubtKind {
@@ -29,7 +29,7 @@ impl DoubtKind {
 /// Something conspicuous about the input.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InputDoubt {
-    /// What it is about.
+    /// Its subject.
     pub kind: DoubtKind,
     /// A sentence for the user: what was found, and what mends it.
     pub text: String,

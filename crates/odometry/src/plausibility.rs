@@ -4,7 +4,7 @@ use crate::{CameraPose, DoubtKind, InputDoubt, PoseState};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::Intrinsics;
 
-/// One in this many frames is asked about the focal length.
+/// The focal length is checked in one of this many frames.
 pub(crate) const FOCAL_STRIDE: u32 = 4;
 
 /// The focal length is judged from this many asked frames on.

@@ -56,7 +56,7 @@ pub trait PoseSource: Send {
     }
 }
 
-/// What a source of poses gets with a frame.
+/// Input of a source of poses for a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PoseInput<'a> {
     /// Index of the frame in its source.
@@ -75,7 +75,7 @@ impl<'a> PoseInput<'a> {
     }
 }
 
-/// What a source of poses tells with a frame.
+/// Output of a source of poses for a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PoseUpdate {
     /// The frame's pose.
@@ -85,7 +85,7 @@ pub struct PoseUpdate {
     /// The correction of earlier poses that the frame has brought. The map must be corrected before the frame is
     /// processed.
     pub correction: Option<MapCorrection>,
-    /// What has become known about the camera and the map.
+    /// News about the camera and the map.
     pub events: Vec<PoseEvent>,
     /// Doubts about the input that have arisen, each once.
     pub doubts: Vec<InputDoubt>,
@@ -102,7 +102,7 @@ impl From<CameraPose> for PoseUpdate {
     }
 }
 
-/// What the method has found in a frame.
+/// Result of the method for a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MethodFindings<'a> {
     /// Ids that turned out to be the same object.
@@ -120,7 +120,7 @@ pub struct KeyframePlace {
     pub part: u32,
 }
 
-/// What a saved state is for.
+/// Purpose of a saved state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum StateScope {
     /// The same run goes on with the next frame: all that its poses depend on.

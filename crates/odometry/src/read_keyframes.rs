@@ -10,7 +10,7 @@ use splatseg_geometry::{KeyframeId, Pose};
 /// A keyframe has at most this many features.
 const MAX_FEATURES: usize = 1000;
 
-/// What a file has of a [`KeyframeMap`], not checked yet.
+/// The fields of a [`KeyframeMap`] in a file, not checked yet.
 pub(crate) struct ReadKeyframes {
     pub(crate) keyframes: Vec<StoredKeyframe>,
     pub(crate) replaced: Vec<(KeyframeId, KeyframeId, Pose)>,
@@ -18,7 +18,7 @@ pub(crate) struct ReadKeyframes {
     pub(crate) state: SearchState,
 }
 
-/// What is no array in a [`KeyframeMap`].
+/// The fields of a [`KeyframeMap`] that are no arrays.
 #[derive(Default, Serialize, Deserialize)]
 #[serde(default)]
 pub(crate) struct SearchState {

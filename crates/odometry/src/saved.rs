@@ -115,7 +115,7 @@ impl SavedPoses {
     }
 }
 
-/// What a text says that is never missing.
+/// A text that is never missing.
 fn json<T: serde::de::DeserializeOwned>(block: &StateBlock, name: &str) -> Result<T, String> {
     let found = block.get_json(name).map_err(|error| error.to_string())?;
     found.ok_or_else(|| format!("{name} is missing"))

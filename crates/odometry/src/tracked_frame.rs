@@ -1,4 +1,4 @@
-//! What tracking reads of a frame.
+//! Frame data that tracking reads.
 
 use crate::pyramid::{GreyFrame, Pyramid};
 use splatseg_geometry::{CameraFrame, CowImage};

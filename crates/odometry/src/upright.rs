@@ -231,7 +231,7 @@ mod tests {
 
     const CAMERA: Intrinsics = Intrinsics { fx: 150.0, fy: 150.0, cx: 79.5, cy: 59.5, width: 160, height: 120 };
 
-    /// What a camera in the middle of an empty room of 6 × 6 m sees from 1.3 m above the floor, turned by `yaw` degrees
+    /// Depth seen by a camera in the middle of an empty room of 6 × 6 m from 1.3 m above the floor, turned by `yaw` degrees
     /// and looking down by 25 degrees. World axes: z is up.
     fn view(yaw: f64, turn: QuarterTurn) -> (CameraFrame<'static>, Pose) {
         let level = DQuat::from_mat3(&glam::DMat3::from_cols(DVec3::X, -DVec3::Z, DVec3::Y));

@@ -1,4 +1,4 @@
-//! What rays of depth images say about the space above the floor, in columns of small boxes.
+//! The space above the floor according to rays of depth images, in columns of small boxes.
 
 use crate::floor_heights::FloorHeights;
 use glam::Vec3;
@@ -59,7 +59,7 @@ pub(crate) struct Columns {
     floor: FloorHeights,
 }
 
-/// What a column has.
+/// Contents of a column.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ColumnContent {
     /// Something solid between the lowest and the highest height of obstacles.
@@ -226,7 +226,7 @@ impl Columns {
         }
     }
 
-    /// What the column above a cell has between the lowest height of obstacles and `max_height`, and higher up.
+    /// The contents of the column above a cell between the lowest height of obstacles and `max_height`, and higher up.
     pub(crate) fn content(&self, cell: (usize, usize), max_height: f32, tall: (f32, f32)) -> ColumnContent {
         let mut content = ColumnContent::default();
         let Some(first) = self.first_of(cell) else { return content };

@@ -3,7 +3,7 @@
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 
-/// What is known of a cell.
+/// State of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Cell {
@@ -96,7 +96,7 @@ impl GridShape {
 }
 
 impl OccupancyGrid {
-    /// What is known of a place, in the plan's coordinates; unknown outside the grid.
+    /// The state of the cell at a place in the plan's coordinates; unknown outside the grid.
     pub fn at(&self, place: DVec2) -> Cell {
         self.shape.cell_at(place).map_or(Cell::Unknown, |cell| self.cells[cell])
     }

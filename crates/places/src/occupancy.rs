@@ -32,7 +32,7 @@ const TALL: (f32, f32) = (1.3, 2.0);
 pub(crate) struct Occupancy {
     pub frame: PlanFrame,
     pub grid: OccupancyGrid,
-    /// What the column above each cell has.
+    /// Contents of the column above each cell.
     pub columns: Vec<ColumnContent>,
     /// Lowest and highest z of the floor, in the plan's coordinates.
     pub floor_heights: (f64, f64),
@@ -76,7 +76,7 @@ impl Occupancy {
     }
 }
 
-/// What is known of each cell. Near obstacles, rays must have passed above the floor, too: it is also seen below the far
+/// The state of each cell. Near obstacles, rays must have passed above the floor, too: it is also seen below the far
 /// side of things whose near side hides how far they reach.
 fn cells_of(shape: &GridShape, columns: &[ColumnContent], seen: &FloorSeen) -> Vec<Cell> {
     let apart = distances(shape, |cell| columns[cell].is_obstacle);

@@ -20,7 +20,7 @@ const ROOMS: [[u8; 3]; 7] = [
     [250, 248, 224],
 ];
 
-/// What a picture of a plan shows besides rooms and walls.
+/// Contents of a picture of a plan besides rooms and walls.
 #[derive(Clone, Copy, Debug)]
 pub struct PlanPicture<'a> {
     /// Side of a cell, pixels, 1 to 32.

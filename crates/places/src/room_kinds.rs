@@ -1,4 +1,4 @@
-//! What a room is, from the things in it.
+//! The kind of a room, from the things in it.
 
 use std::collections::BTreeSet;
 

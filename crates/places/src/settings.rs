@@ -1,4 +1,4 @@
-//! What a plan is made for: the size of its cells, and the heights at which a robot would hit something.
+//! Settings of a plan: the size of its cells, and the heights at which a robot would hit something.
 
 use crate::PlanError;
 use serde::{Deserialize, Serialize};

@@ -16,7 +16,7 @@ choices! {
 }
 
 impl Detail {
-    /// What is added to the log-odds that two parts must have to become one.
+    /// Added to the log-odds that two parts must have to become one.
     pub const fn log_odds(self) -> f32 {
         match self {
             Self::Coarse => -1.0,

@@ -22,7 +22,7 @@ const SCALE: usize = 4;
 /// Radius of a robot if none is given, metres.
 const RADIUS: f64 = 0.2;
 
-/// What a plan is made for.
+/// Options of a plan.
 #[derive(Debug, Args)]
 pub struct PlanOptions {
     /// Side of a cell, metres [default: 0.05]

@@ -11,7 +11,7 @@ use splatseg::pipeline::NamedMap;
 use splatseg_geometry::{Pose, SegmentId};
 use std::path::{Path, PathBuf};
 
-/// Lines of the table of objects, unless all are asked for.
+/// Lines of the table of objects without `--all`.
 const LINES: usize = 30;
 
 #[derive(Debug, Args)]

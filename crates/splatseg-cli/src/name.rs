@@ -130,7 +130,7 @@ fn apply(map: &mut NamedMap, labels: &[(Target, Option<String>)]) -> Result<Opti
     Ok(plan)
 }
 
-/// What a label is for.
+/// Target of a label.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Target {
     Object(SegmentId),

@@ -1,4 +1,4 @@
-//! What the system allows the process: threads, address space, size of files. What is not enough is an error in one line,
+//! The system's limits of the process: threads, address space, size of files. A limit that is too low is an error in one line,
 //! before the work begins.
 
 use crate::Failure;

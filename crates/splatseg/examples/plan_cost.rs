@@ -1,4 +1,4 @@
-//! What the plan of a map costs a live session: the time that frames wait for the copy of the map, and that of its thread.
+//! The cost of the plan of a map in a live session: the time that frames wait for the copy of the map, and that of its thread.
 //!
 //! `cargo run --release -p splatseg --no-default-features --example plan_cost -- MAP`
 

@@ -35,7 +35,7 @@ pub struct Summary {
     /// Median deviation of the measured depth from the surfaces that the camera was tracked against, in units of a
     /// Kinect's deviation; null if no frame was tracked.
     pub pose_residual: Option<f32>,
-    /// What was conspicuous about the input, a sentence each, as the run has told it; absent if nothing was.
+    /// Doubts about the input, a sentence each, as the run has printed them; absent if there were none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub input_doubts: Vec<String>,
     /// Number of objects: those that count, as in `objects.json`.
@@ -216,7 +216,7 @@ pub struct RunCounts {
     pub unjoined_frames: usize,
     /// Residual of each tracked frame; see [`PoseQuality::residual`](splatseg_odometry::PoseQuality::residual).
     pub pose_residuals: Vec<f32>,
-    /// What was conspicuous about the input, as far as the run has told it; each sentence once.
+    /// Doubts about the input that the run has printed; each sentence once.
     pub input_doubts: Vec<String>,
     /// Distinct ids in results.
     pub ids: BTreeSet<u32>,

@@ -39,7 +39,7 @@ impl ExactPlan for SyntheticScene {
     }
 }
 
-/// What is true of a cell.
+/// The true state of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrueCell {
     /// No part of it is in a thing or a wall.

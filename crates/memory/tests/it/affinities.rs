@@ -25,7 +25,7 @@ fn halves(left: SegmentId, right: SegmentId, pose: &Pose) -> SegmentMap {
     SegmentMap::from_fn(SIZE.0, SIZE.1, |column, _| if (column as f64) < middle(pose) { left } else { right })
 }
 
-/// What a segmenter finds that knows the two halves: stripes that do not cross the middle, and affinities.
+/// Output of a segmenter that separates the two halves: stripes that do not cross the middle, and affinities.
 fn found(pose: &Pose, log_odds: f32) -> Segmentation {
     let is_left = |column: usize| ((2 * column) as f64) < middle(pose);
     let plane = |(right, down): (i32, i32)| {

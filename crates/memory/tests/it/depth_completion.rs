@@ -70,7 +70,7 @@ fn agreements(poses: impl Iterator<Item = Pose>, id: SegmentId) -> Vec<f64> {
     all
 }
 
-/// What is known about the Gaussians of an id.
+/// Facts about the Gaussians of an id.
 fn kinds(memory: &SplatMemory, id: SegmentId) -> Vec<SurfaceKind> {
     let known = memory.map().segment_ids().into_iter().zip(memory.map().surfaces);
     known.filter(|(shown, _)| *shown == id).map(|(_, surface)| *surface).collect()

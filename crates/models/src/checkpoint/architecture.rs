@@ -42,12 +42,12 @@ pub enum Architecture {
     },
     /// A CLIP network: images and texts.
     Clip {
-        /// What its tensors are called.
+        /// Naming scheme of its tensors.
         layout: ClipLayout,
     },
     /// Depth Anything V2.
     DepthAnything {
-        /// What its tensors are called.
+        /// Naming scheme of its tensors.
         layout: DepthAnythingLayout,
         /// Channels of the encoder: 384 in Small, 768 in Base, 1024 in Large.
         width: usize,

@@ -9,7 +9,7 @@ const LEVEL: f32 = 0.025;
 const BEYOND: f32 = 0.15;
 /// Below a foot nothing is this close to it, metres, but the sides of a thing that is not much larger.
 const RIGHT_BESIDE: f32 = 0.05;
-/// What is lower than this, metres, has no certain foot: it could be a stain or a sheet of paper.
+/// Objects lower than this, metres, have no certain foot: they could be stains or sheets of paper.
 const LOWEST: f32 = 0.04;
 /// Directions, of eight, in which the surface must be seen around a foot...
 const AROUND_FOOT: usize = 5;
@@ -21,7 +21,7 @@ const LARGEST_CONTAINER: f32 = 1.0;
 const IN_REACH: f32 = 0.25;
 /// ...and has its walls this high above the bottom at least, as a share of the height of what is in it.
 const IN_HEIGHT: f32 = 0.3;
-/// What is under something is at most this far below it, metres, and at least this far.
+/// Most and least distance of an object below the one that it is under, metres.
 const UNDER: (f32, f32) = (0.03, 1.0);
 /// Share of its footprint that is covered.
 const COVERED: f32 = 0.9;
@@ -29,9 +29,9 @@ const COVERED: f32 = 0.9;
 const CELL: f32 = 0.06;
 /// Larger things are walls, floors, ceilings: nothing is under them, square metres.
 const LARGEST_COVER: f32 = 3.0;
-/// What covers something is at least this much larger than its footprint, and not higher than wide.
+/// A cover is at least this much larger than the footprint below it, and not higher than wide.
 const COVER_SHARE: f32 = 2.0;
-/// What is beside something is at most this far away, metres.
+/// Greatest distance of objects that are beside each other, metres.
 const BESIDE: f32 = 0.2;
 /// Things beside each other overlap in height by this share of the lower one.
 const SHARED_HEIGHT: f32 = 0.5;

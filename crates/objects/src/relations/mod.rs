@@ -59,7 +59,7 @@ pub fn relations(map: &MapView<'_>, up: Vec3) -> Vec<Relation> {
     found
 }
 
-/// What an object is on or in: one thing at most, whose surface surrounds it clearly more than any other does.
+/// The object that another one is on or in: one at most, whose surface surrounds it clearly more than any other does.
 fn placed(object: &Upright, objects: &[Upright]) -> Option<Relation> {
     let others = objects.iter().filter(|other| other.id != object.id && object.may_be_on(other));
     let mut found: Vec<_> = others.map(|other| (surroundings(object, other), other.id)).collect();

@@ -35,7 +35,7 @@ pub(crate) struct InputChecks {
     depth: UsualDepth,
     registration: RegistrationCheck,
     delay: DelayCheck,
-    /// What the registration of depth explains, until it is known whether a delay explains more.
+    /// Doubt about the registration of depth, held back until it is known whether a delay explains more.
     misplaced: Option<Explained>,
     /// True if colour and depth have been compared.
     is_compared: bool,

@@ -282,7 +282,7 @@ fn usual_scale(best: &PoseFormat, given: &PoseFormat) -> String {
     rounded(unit.map_or(best.scale, |unit| given.scale * unit))
 }
 
-/// What poses are, as far as it differs from how they are read.
+/// Convention of the poses, where it differs from how they are read.
 fn described(best: &PoseFormat, given: &PoseFormat) -> String {
     let mut parts = Vec::new();
     if best.w_first != given.w_first {

@@ -58,7 +58,7 @@ pub(super) fn mistaken_unit(factor: f64) -> Option<(f64, f64)> {
     (off(&nearest) < SAME_FACTOR.ln()).then_some(nearest)
 }
 
-/// What to do if depth has to be multiplied by `factor`.
+/// Advice if depth has to be multiplied by `factor`.
 pub(super) fn remedy(factor: f64) -> String {
     match mistaken_unit(factor) {
         Some((is, assumed)) => format!(

@@ -18,7 +18,7 @@ fn keyframes_move_with_the_corrected_poses_of_their_frames() {
     }
     // Frame 2 has no corrected pose: its keyframe moves like that of frame 1.
     let corrected: Vec<(usize, Pose)> = [1, 3].map(|number| (number, shifted(number))).to_vec();
-    // A frame without a pose is refused; what became known with it is told with the next one.
+    // A frame without a pose is refused; the next one returns its news.
     let without = PoseInput { corrected: &corrected, ..PoseInput::new(4, None) };
     assert!(poses.pose(&render(&corner(), &pose(4)), without).is_err());
     let given = shifted(4);

@@ -1,4 +1,4 @@
-//! What has no plan says why.
+//! Maps without a plan, and the reasons given.
 
 use splatseg_geometry::Pose;
 use splatseg_memory::{MemorySettings, SplatMemory};

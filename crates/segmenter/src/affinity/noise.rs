@@ -1,6 +1,6 @@
 //! How noisy a frame's depth is.
 //!
-//! What matters is the noise that smoothing leaves, as the network sees normals of smoothed depth: white noise of two
+//! The noise that smoothing leaves matters, as the network sees normals of smoothed depth: white noise of two
 //! centimetres costs it nothing, noise that neighbours share costs it much. So planes are fitted to the smoothed depth.
 //!
 //! Planes are fitted to inverse depth, over which a plane in space is linear. The noise of stereo and structured light is

@@ -8,7 +8,7 @@ use splatseg::pipeline::NamedMap;
 use splatseg_objects::{Object, ObjectCounts};
 use std::path::Path;
 
-/// Maximum number of objects listed, unless all are asked for.
+/// Maximum number of objects listed without `--all`.
 const LISTED: usize = 20;
 
 /// The content of `--json`.

@@ -55,7 +55,7 @@ impl FileKind {
     /// The part of the stream that a live session used.
     pub const RECORDING: Self = Self { option: "--record", ..Self::MCAP };
 
-    /// What `export` calls such a file.
+    /// Name of the format in `export`.
     pub fn of_exports(&self) -> &'static str {
         if self.option == Self::MEMORY.option { "a PLY file" } else { self.name }
     }

@@ -46,7 +46,7 @@ pub struct EarlierFrame<'h> {
     pub written: &'h WrittenFrame,
     /// The frame with its final pose.
     pub frame: RgbdFrame<'static>,
-    /// What it showed.
+    /// Its segments.
     pub shown: ShownFrame,
 }
 

@@ -55,7 +55,7 @@ pub enum EarlyEnd {
     Signal(StopSignal),
     /// A frame cannot be used, with `strict_input`.
     UnusableFrame(String),
-    /// What came with the frames contradicts what they show, with `strict_input`.
+    /// The poses or calibration that came with the frames contradict their images, with `strict_input`.
     Contradiction(String),
     /// The method failed.
     Method(String),

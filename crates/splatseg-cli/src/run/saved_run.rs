@@ -64,7 +64,7 @@ pub struct RunState {
     pub track_errors: TrackErrorCounts,
     /// Events of the source of poses so far.
     pub pose_events: PoseEventCounts,
-    /// What was conspicuous about the input so far, a sentence each.
+    /// Doubts about the input so far, a sentence each.
     #[serde(default)]
     pub input_doubts: Vec<String>,
     /// The turn for the segmenter that was told last.

@@ -1,4 +1,4 @@
-//! What the frames of a run showed when they were processed, for the final pass: a line of text for each frame, in a file
+//! Results of the frames of a run when they were processed, for the final pass: a line of text for each frame, in a file
 //! that is removed with the run's other temporary files.
 //!
 //! The final pass replaces the id images one after the other. If it is stopped and starts again, it still needs what was

@@ -6,7 +6,7 @@ use std::process::Command;
 /// Maximum number of crates, with those of this project, that `cargo run --release -- demo` builds.
 const MAX_CRATES: usize = 200;
 
-/// What only the features `networks`, `ros2` and `mcp` may bring.
+/// Crates that only the features `networks`, `ros2` and `mcp` may bring.
 const OF_FEATURES: [&str; 6] = ["burn", "burn-flex", "rmcp", "rustdds", "splatseg-mcp", "splatseg-ros2"];
 
 #[test]

@@ -301,7 +301,7 @@ fn whatever_is_no_recording_is_told_in_one_line() {
         let path = folder.path().join(name);
         fs::write(&path, bytes).unwrap();
         let ended = inspect(&path, &[]);
-        // Where there is an ffmpeg, it is asked first.
+        // An ffmpeg is tried first where there is one.
         let lines: Vec<&str> =
             ended.err.trim_end().lines().filter(|line| !line.contains("decoding with ffmpeg")).collect();
         assert_eq!((ended.code, lines.len()), (2, 1), "{name}: {}", ended.err);

@@ -32,7 +32,7 @@ fn compare(out: &Path, gt: Option<&Path>) -> String {
     ended.err
 }
 
-/// What `compared.js` says.
+/// The contents of `compared.js`.
 fn comparison(out: &Path) -> Value {
     let text = fs::read_to_string(out.join("viewer/compared.js")).unwrap();
     serde_json::from_str(text.strip_prefix("var splatsegComparison=").unwrap().strip_suffix(";\n").unwrap()).unwrap()

@@ -115,7 +115,7 @@ fn quiet_leaves_warnings_errors_and_results() {
     assert!(inspected.out.contains("frames         4"), "{}", inspected.out);
 }
 
-/// Only terminals show colours, unless they are asked for.
+/// Only terminals show colours, unless an option demands them.
 #[test]
 fn no_color_and_pipes_have_no_colours() {
     let failed = |variables: &[(&str, &str)]| {

@@ -60,7 +60,7 @@ pub struct ScoredFrame<'a> {
     pub image: Option<&'a Path>,
     /// True ids, `[height, width]`, 0 for none.
     pub truth: &'a SegmentMap,
-    /// What was predicted, of the same size.
+    /// The prediction, of the same size.
     pub prediction: &'a Prediction,
 }
 

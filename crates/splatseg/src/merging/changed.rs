@@ -1,4 +1,4 @@
-//! What changed between two maps, and what that means for the merged one: the later map is right.
+//! Changes between two maps, and their consequences for the merged one: the later map is right.
 
 use super::MergeError;
 use glam::DVec3;
@@ -20,7 +20,7 @@ const SAMPLES: usize = 20_000;
 /// The changes between two maps in the same world.
 pub(super) struct Changed {
     pub(super) changes: MapChanges,
-    /// What the later map saw at each Gaussian of the earlier one.
+    /// The later map's observation of each Gaussian of the earlier one.
     sights: Vec<PlaceSight>,
     /// Of the surfaces of each map that the other one looked at, the share that it saw through, percent.
     pub(super) seen_through: [u32; 2],
@@ -83,7 +83,7 @@ pub(super) fn removed(map: &MapView<'_>, kept: &[bool]) -> Vec<DVec3> {
     gone.map(|(mean, _)| mean.as_dvec3() + map.origin).collect()
 }
 
-/// What views saw at every `step`th Gaussian of a map.
+/// Observations of every `step`th Gaussian of a map in views.
 fn sights_of(map: &MapView<'_>, views: &[DepthView], step: usize) -> Vec<PlaceSight> {
     let places: Vec<usize> = (0..map.means.len()).step_by(step).collect();
     let points: Vec<_> = places.par_iter().map(|index| map.means[*index].as_dvec3() + map.origin).collect();

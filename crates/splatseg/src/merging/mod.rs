@@ -35,7 +35,7 @@ pub struct MergeOptions {
 pub struct MergedMap {
     /// The map, in the world coordinates of the earlier one.
     pub map: NamedMap,
-    /// What became of the two maps.
+    /// Report on the two maps.
     pub report: MergeReport,
 }
 

@@ -69,7 +69,7 @@ mod tests {
         ObjectName { label: Some(label.to_owned()), ..ObjectName::default() }
     }
 
-    /// The label after two names of an object became one, and what is told of the other.
+    /// The label after two names of an object became one, and a note about the other.
     fn joined(earlier: ObjectName, later: ObjectName) -> (String, Option<String>) {
         let mut names = ObjectNames::default();
         names.set(JOIN.into, earlier, 1.0).unwrap();

@@ -1,4 +1,4 @@
-//! What became of two maps: `splatseg merge --json`, and the Python function.
+//! Report of a merge: `splatseg merge --json`, and the Python function.
 
 use super::changed::Changed;
 use super::names::LabelConflict;
@@ -10,7 +10,7 @@ use splatseg_objects::MapChanges;
 use splatseg_odometry::MapFit;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// What became of two maps. docs/MERGING.md describes each key.
+/// Report of a merge. docs/MERGING.md describes each key.
 #[derive(Clone, Debug, Serialize)]
 pub struct MergeReport {
     /// [`MergeReport::FORMAT`].
@@ -36,7 +36,7 @@ pub struct MergeReport {
     pub objects: Vec<MergedObject>,
     /// Objects that both maps name, differently.
     pub label_conflicts: Vec<LabelConflict>,
-    /// What changed between the maps, with each map's own ids, and the merged map's places.
+    /// Changes between the maps, with each map's own ids, and the merged map's places.
     pub changes: MapChanges,
 }
 

@@ -1,4 +1,4 @@
-//! What a part may use of the run that it is built for.
+//! The data of a run that its parts may use.
 
 use super::{LoadedNetworks, PartError};
 use splatseg_dataset::{Framing, Scene};
@@ -7,7 +7,7 @@ use splatseg_segmenter::Detail;
 use splatseg_simulators::SceneGroundTruth;
 use std::sync::Arc;
 
-/// What a part may use of the run that it is built for, besides its own settings.
+/// The data of a run that its parts may use, besides their own settings.
 #[derive(Clone, Copy)]
 #[non_exhaustive]
 pub struct PartContext<'a> {

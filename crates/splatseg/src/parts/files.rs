@@ -11,9 +11,9 @@ pub struct PartFile {
     pub key: &'static str,
     /// Help of the setting. Of parts that share a setting, the first one's is shown.
     pub help: &'static str,
-    /// What is expected, for the error if it is missing, e.g. `a checkpoint of FastSAM, e.g. --weights FastSAM-x.pt`.
+    /// Description for the error if it is missing, e.g. `a checkpoint of FastSAM, e.g. --weights FastSAM-x.pt`.
     pub what: &'static str,
-    /// What other messages call it, e.g. `the file of --weights`.
+    /// Its name in other messages, e.g. `the file of --weights`.
     pub called: &'static str,
     /// True if the part cannot be built without it.
     pub is_required: bool,

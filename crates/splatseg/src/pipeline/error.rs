@@ -44,7 +44,7 @@ pub enum PipelineError {
         /// The error.
         source: NameError,
     },
-    /// What a saved memory tells of times and rooms cannot be used.
+    /// The times or rooms of a saved memory cannot be used.
     #[error("{}: when objects were seen: {source}", path.display())]
     History {
         /// The saved memory.

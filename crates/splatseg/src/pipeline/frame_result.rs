@@ -1,4 +1,4 @@
-//! What a pipeline returns for a frame.
+//! The result of a pipeline for a frame.
 
 use super::StageTimes;
 use splatseg_geometry::{FrameAnchor, QuarterTurn, RemappedId, SegmentMap};

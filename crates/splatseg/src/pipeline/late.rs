@@ -29,7 +29,7 @@ pub struct LateFrame<T> {
     pub frame: RgbdFrame<'static>,
     /// Its result of the time, with what it shows as far as is known now: `output`, `objects` and the pose are new.
     pub result: FrameResult,
-    /// What belongs to it.
+    /// Its data.
     pub belongings: T,
 }
 

@@ -1,4 +1,4 @@
-//! What a map remembers besides its surfaces: when objects were seen, and the rooms so far.
+//! A map's history: when objects were seen, and the rooms so far.
 //!
 //! It is saved with the map as arrays whose names begin with `history`:
 //!

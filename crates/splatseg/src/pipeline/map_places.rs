@@ -43,7 +43,7 @@ pub enum RoomNameError {
     },
 }
 
-/// What the plan of a pipeline's map is made of, as it was at one moment: for another thread.
+/// Input of the plan of a pipeline's map at one moment, for another thread.
 #[derive(Clone, Debug)]
 pub struct MapPlanInput {
     map: MapCopy,
@@ -113,7 +113,7 @@ impl Pipeline {
         Ok(plan)
     }
 
-    /// What [`Self::floor_plan`] uses, for another thread; `None` without a map with keyframes.
+    /// The input of [`Self::floor_plan`], for another thread; `None` without a map with keyframes.
     pub fn plan_input(&self) -> Option<MapPlanInput> {
         let keyframes = self.saved_poses(StateScope::Map)?;
         let (rooms, names) = (self.history.rooms.clone(), self.names().clone());

@@ -92,7 +92,7 @@ impl NamedMap {
     }
 }
 
-/// What the camera saw of a map, for [`ObservedMap`](splatseg_objects::ObservedMap): the depth of its keyframes, without
+/// The camera's observations of a map, for [`ObservedMap`](splatseg_objects::ObservedMap): the depth of its keyframes, without
 /// those that it has in common with an earlier map. Both are bytes as in [`NamedMap::keyframes`].
 ///
 /// # Errors

@@ -67,7 +67,7 @@ impl<'a> WorkingFrame<'a> {
     }
 }
 
-/// What a segmenter has found in a frame of size `from` (width, height), for the frame reduced to `size`.
+/// The segmentation of a frame of size `from` (width, height), for the frame reduced to `size`.
 ///
 /// # Errors
 /// [`TrackingError::MaskSize`] if a mask, or the map of regions, has another size than the frame.

@@ -32,7 +32,7 @@ pub struct DescribedSetting {
     pub allowed: String,
     /// The choices without which it is not used; empty for settings that are always used.
     pub used_with: Vec<String>,
-    /// What it does.
+    /// Its effect.
     pub help: String,
 }
 

@@ -8,7 +8,7 @@ use splatseg_test_scenes::room;
 
 const FRAMES: usize = 9;
 
-/// What the frames of a room show at the time, and as they are decided `lag` frames later.
+/// Results for the frames of a room at the time, and as they are decided `lag` frames later.
 fn results(lag: Option<usize>) -> (Vec<SegmentMap>, Vec<SegmentMap>) {
     let scene = room(&format!("synthetic:frames={FRAMES},width=128,height=96,noise=kinect"));
     let mut pipeline = Pipeline::builder(&Settings::default()).build().unwrap();

@@ -4,7 +4,7 @@ use super::FrameOutput;
 use crate::TrackingError;
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 
-/// What a frame showed when it was processed.
+/// Result of a frame when it was processed.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ShownFrame {
     /// Id of each pixel, `[height, width]`, 0 for none, with the names that ids have by now.

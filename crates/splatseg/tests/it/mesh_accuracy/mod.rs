@@ -12,7 +12,7 @@ use std::error::Error;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-/// What is nearer than this is right, metres.
+/// Surfaces nearer than this are right, metres.
 const NEAR: f32 = 0.03;
 /// Surfaces are compared at one point for each cell of this size, metres, whatever the density of pixels.
 const CELL: f32 = 0.02;
