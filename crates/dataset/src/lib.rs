@@ -68,6 +68,7 @@ pub use frame_source::{FrameSource, StreamedFrame};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};
 pub use live::{CoordinateFrames, DropCounts, FrameMatcher, MatchCounts, MatchLimits, UndecodedFrame};
 pub use mvpd::{MvpdScene, MvpdVideo, MvpdVideos};
+pub use own_camera::GuessedCamera;
 pub use plain_folder::{FolderScene, ListedPose, read_pose_list};
 pub use pose_convention::{PoseConvention, QuaternionOrder};
 pub use preset::{Preset, PresetNameError};

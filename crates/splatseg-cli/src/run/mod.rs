@@ -251,7 +251,7 @@ fn execute_with(
         pass.run(&mut pipeline, (&history, plan), &mut ended, changes).then(|| started.elapsed() - online)
     });
     let times = RunTimes { start_up, online, final_pass: final_pass.flatten() };
-    let summary = report::finish(job, ended, times, &pipeline, memory_file.as_ref())?;
+    let summary = report::finish(job, ended, times, (scene.as_ref(), &pipeline), memory_file.as_ref())?;
     // The run is complete, so its saved state is no longer needed.
     let _ = saved_run::remove(&job.out);
     Ok(summary)
