@@ -102,7 +102,8 @@ impl Live {
         if let Some(path) = &load {
             all.add_saved_memory(path).map_err(settings_error)?;
         }
-        let settings = resolve(&all)?;
+        let mut settings = resolve(&all)?;
+        settings.settle_depth_of_stream("dataset.depth = none").map_err(settings_error)?;
         let seconds = |name: &str, value: f64| {
             Duration::try_from_secs_f64(value).map_err(|error| value_error(format!("{name}: {error}")))
         };

@@ -300,6 +300,12 @@ impl Pipeline {
         saved?.map(drop).map_err(runtime_error)
     }
 
+    /// True if a depth predictor is used in place of measured depth.
+    #[getter]
+    fn predicts_all_depth(&self) -> PyResult<bool> {
+        Ok(self.lock()?.pipeline.map_scale().is_some())
+    }
+
     /// True if the method has a memory.
     #[getter]
     fn has_memory(&self) -> PyResult<bool> {

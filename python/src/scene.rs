@@ -62,6 +62,12 @@ impl Scene {
         self.scene.has_poses()
     }
 
+    /// False if no frame has depth.
+    #[getter]
+    fn has_depth(&self) -> bool {
+        self.scene.has_depth()
+    }
+
     /// True if the scene has true ids.
     #[getter]
     fn has_ground_truth(&self) -> bool {

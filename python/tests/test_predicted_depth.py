@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import splatseg as ss
-from conftest import step
+from conftest import ROOT, step
 
 
 def test_a_function_predicts_depth_in_place_of_the_sensors(room):
@@ -36,3 +36,24 @@ def test_wrong_results_and_settings_are_told(room):
         ss.depth("nothing.pth", output="metres")
     with pytest.raises(ValueError, match="nothing.pth"):
         ss.depth("nothing.pth")
+
+
+def test_a_scene_without_depth_needs_a_predictor_of_all_depth():
+    images = ROOT / "crates/splatseg-cli/demo/color"
+    scene = ss.open_scene(images, max_frames=2)
+    assert not scene.has_depth and ss.open_scene(images.parent).has_depth
+
+    def predictor(rgb):
+        return np.full(rgb.shape[:2], 2.0)
+
+    for settings in ({}, {"depth_predictor": predictor}):
+        with pytest.raises(ValueError, match='without depth.*predicted_depth="all"'):
+            ss.FastSamSplat(**settings).run(scene)
+    seg = ss.FastSamSplat(depth_predictor=predictor, predicted_depth="all")
+    results = list(seg.run(images, max_frames=2))
+    assert len(results) == 2 and seg.memory.means.size > 0
+
+
+def test_a_live_session_without_depth_needs_a_predictor():
+    with pytest.raises(ValueError, match="--depth-weights"):
+        ss.Live(dataset={"depth": "none"})

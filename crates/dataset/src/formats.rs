@@ -246,13 +246,26 @@ fn detected(path: &Path) -> Option<&'static FormatEntry> {
     (found.format != Format::Images || !is_part()).then_some(found)
 }
 
-/// Returns false for a path whose format has no depth, so that it must be predicted. Reads no frame, and extracts none.
+/// Returns false for a path whose format has no depth, so that it must be predicted, and for a recording whose depth is not
+/// read (`depth` is `none`). Reads no frame, and extracts none.
 pub fn has_depth(path: &Path, settings: &DatasetSettings) -> bool {
-    let format = match settings.format {
+    let is_read = |format: Format| format.has_depth() && (settings.reads_depth_topic() || !format.has_topics());
+    format_of(path, settings).is_none_or(is_read)
+}
+
+/// Returns true for a recording that has no topic with depth, unless the settings name one. Reads the recording once.
+pub fn lacks_depth_topic(path: &Path, settings: &DatasetSettings) -> bool {
+    let has_topics = settings.depth.is_none() && format_of(path, settings).is_some_and(Format::has_topics);
+    // An error is told when the recording is opened.
+    has_topics && RecordingScene::lacks_depth(path).unwrap_or(false)
+}
+
+/// The format of the settings, or that of the path.
+fn format_of(path: &Path, settings: &DatasetSettings) -> Option<Format> {
+    match settings.format {
         Format::Auto => detected(path).map(|entry| entry.format),
         format => Some(format),
-    };
-    format.is_none_or(Format::has_depth)
+    }
 }
 
 /// Returns the missing-parts error of the best matching format, if at least half of its parts are present.

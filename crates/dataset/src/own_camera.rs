@@ -1,6 +1,7 @@
 //! A camera given by the settings, for recordings without a calibration file.
 
 use crate::{DatasetError, DatasetSettings};
+use serde::Serialize;
 use splatseg_geometry::Intrinsics;
 use splatseg_settings::SettingError;
 use std::path::{Path, PathBuf};
@@ -33,15 +34,9 @@ impl OwnCamera {
         }
     }
 
-    /// Told of a scene whose camera is guessed.
-    pub(crate) const GUESS_TOLD: &str =
-        "camera: not known, guessed to see 60 degrees across the long side (give the focal length in pixels with --fx)";
-
-    /// Returns a guess of the camera of images of `size`: 60 degrees across the long side, between telephones (65) and
-    /// webcams (55).
-    pub(crate) fn guess((width, height): (usize, usize)) -> Self {
-        let focal = 0.5 * width.max(height) as f64 / 30.0f64.to_radians().tan();
-        Self { focal: (focal, focal), center: (None, None) }
+    /// A camera with this focal length.
+    pub(crate) fn guessed(guess: &GuessedCamera) -> Self {
+        Self { focal: (guess.fx, guess.fx), center: (None, None) }
     }
 
     /// Returns the intrinsics of colour images of `size`, `(width, height)`.
@@ -50,6 +45,43 @@ impl OwnCamera {
         let (cx, cy) = (self.center.0.unwrap_or(middle(width)), self.center.1.unwrap_or(middle(height)));
         let [fx, fy, cx, cy] = [self.focal.0, self.focal.1, cx, cy].map(|number| number as f32);
         Intrinsics { fx, fy, cx, cy, width, height }
+    }
+}
+
+/// The focal length of images whose camera nothing describes, as it is assumed, in pixels of the stored images.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct GuessedCamera {
+    /// The assumed focal length: the camera sees [`Self::DEGREES`] across the long side.
+    pub fx: f64,
+    /// The focal length of a camera that sees 70 degrees.
+    pub from: f64,
+    /// The focal length of a camera that sees 50 degrees.
+    pub to: f64,
+}
+
+impl GuessedCamera {
+    /// What the camera is assumed to see across the long side, degrees: between telephones (65) and webcams (55).
+    pub const DEGREES: f64 = 60.0;
+    /// What usual cameras see, but for action cameras, which see more: degrees.
+    const USUAL_DEGREES: [f64; 2] = [70.0, 50.0];
+
+    /// Guesses the camera of images of `size`, `(width, height)`.
+    pub(crate) fn of((width, height): (usize, usize)) -> Self {
+        let focal = |degrees: f64| 0.5 * width.max(height) as f64 / (0.5 * degrees).to_radians().tan();
+        let [from, to] = Self::USUAL_DEGREES.map(focal);
+        Self { fx: focal(Self::DEGREES), from, to }
+    }
+
+    /// Tells the guess and the option that sets it, in one line.
+    pub(crate) fn text(&self) -> String {
+        let Self { fx, from, to } = self;
+        let [widest, narrowest] = Self::USUAL_DEGREES;
+        format!(
+            "camera: not known, guessed to see {:.0} degrees across the long side: a focal length of {fx:.0} pixels, {from:.0} \
+             to {to:.0} for {widest:.0} to {narrowest:.0} degrees; --fx PIXELS sets it",
+            Self::DEGREES
+        )
     }
 }
 
@@ -79,6 +111,17 @@ mod tests {
         assert_eq!(of(|s| s.fx = Some(50.0)), square);
         let whole = of(|s| (s.fx, s.fy, s.cx, s.cy) = (Some(50.0), Some(51.0), Some(30.0), Some(20.0)));
         assert_eq!(whole, Intrinsics { fy: 51.0, cx: 30.0, cy: 20.0, ..square });
+    }
+
+    #[test]
+    fn a_guess_tells_its_uncertainty() {
+        let guess = GuessedCamera::of((480, 640));
+        assert_eq!([guess.fx, guess.from, guess.to].map(f64::round), [554.0, 457.0, 686.0]);
+        let told = guess.text();
+        assert!(
+            told.contains("60 degrees") && told.contains("554 pixels, 457 to 686") && told.contains("--fx"),
+            "{told}"
+        );
     }
 
     #[test]

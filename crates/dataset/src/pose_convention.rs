@@ -1,7 +1,7 @@
 //! Conventions of recorded poses that the settings choose, and scenes read with them.
 
 use crate::scene::{FramePart, LeftOut};
-use crate::{CorrectedPose, DatasetError, Format, RecordedFrame, Scene};
+use crate::{CorrectedPose, DatasetError, Format, GuessedCamera, RecordedFrame, Scene};
 use splatseg_geometry::{CameraAxes, PoseFormat, SegmentMap};
 use splatseg_settings::choices;
 use std::ops::Range;
@@ -88,6 +88,10 @@ impl Scene for ConvertedPoses {
 
     fn has_depth(&self) -> bool {
         self.scene.has_depth()
+    }
+
+    fn guessed_camera(&self) -> Option<GuessedCamera> {
+        self.scene.guessed_camera()
     }
 
     fn without_pose(&self) -> &[LeftOut] {

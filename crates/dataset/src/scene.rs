@@ -1,7 +1,7 @@
 //! The interface that every format implements, and the assembly of frames from their parts.
 
 use crate::error::DEPTH_IMAGE;
-use crate::{CorrectedPose, DatasetError, Format};
+use crate::{CorrectedPose, DatasetError, Format, GuessedCamera};
 use glam::DVec3;
 use splatseg_geometry::{CameraFrame, Image, Intrinsics, Pose, RgbdFrame, SegmentMap};
 use std::fmt::Debug;
@@ -52,6 +52,11 @@ pub trait Scene: Debug + Send + Sync {
     /// Returns false if no frame has depth, so that it must be predicted. Reads no frame.
     fn has_depth(&self) -> bool {
         true
+    }
+
+    /// Returns the camera that is assumed if nothing describes it: `--fx` sets it. `None` if it is known. Reads no frame.
+    fn guessed_camera(&self) -> Option<GuessedCamera> {
+        None
     }
 
     /// Returns the direction that is up in the world of the scene's poses, a unit vector, if the format defines it: phones

@@ -56,7 +56,7 @@ settings! {
         /// Recordings: topic of the colour images; if left out, the only suitable one.
         color: Option<String> = None, Allowed::Text("a topic");
         /// Recordings: topic of the depth images; if left out, the only suitable one, or the only one in the colour camera's
-        /// frame.
+        /// frame. `none`: there is none, or it is not used; a depth predictor then predicts all depth.
         depth: Option<String> = None, Allowed::Text("a topic");
         /// Recordings: topic of the colour camera's info; if left out, the one next to the images, or the only one with their
         /// frame.
@@ -89,6 +89,9 @@ impl DatasetSettings {
     /// a kilometre.
     pub const DEPTH_SCALES: Allowed = Allowed::between(0.001, 1e6);
 
+    /// Value of [`depth`](Self::depth) if the depth of recordings and streams is not read.
+    pub const NO_DEPTH: &str = "none";
+
     /// Returns the indices of the frames used from a scene with `frame_count` frames, in increasing order.
     ///
     /// # Errors
@@ -119,6 +122,11 @@ impl DatasetSettings {
             ("corrections", &self.corrections),
         ];
         given.into_iter().find_map(|(name, value)| Some((name, value.as_deref()?)))
+    }
+
+    /// Returns false if the depth of recordings and streams is not read.
+    pub(crate) fn reads_depth_topic(&self) -> bool {
+        self.depth.as_deref() != Some(Self::NO_DEPTH)
     }
 
     /// Returns how recorded poses are stated.

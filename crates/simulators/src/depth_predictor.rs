@@ -82,7 +82,10 @@ impl TrueDepth {
             .ok_or_else(|| SimulatorError::NoTrueDepth { scene: self.scene.name().to_owned(), frame: name.clone() })?;
         let read = self.scene.read_recorded(index).and_then(|read| self.framing.apply(read.frame));
         let read = read.map_err(|source| SimulatorError::GroundTruth { frame: name, source: Box::new(source) })?;
-        SimulatorError::check_size(frame, (read.width(), read.height()))?;
+        let (found, expected) = ((read.width(), read.height()), (frame.width(), frame.height()));
+        if found != expected {
+            return Err(SimulatorError::TrueDepthSize { frame: frame.name().to_owned(), found, expected });
+        }
         Ok(read.depth().clone())
     }
 }
@@ -100,6 +103,29 @@ impl SimDepthPredictor {
         let index_of_name = (0..scene.frame_count()).map(|index| (scene.frame_name(index), index)).collect();
         self.truth = Some(TrueDepth { scene, framing, index_of_name });
         self
+    }
+
+    /// Checks that the scene of [`Self::with_truth`] has the true depth of the frames of `scene`, by their indices: all their
+    /// names, and the size of the first. Reads one frame of each scene. Without such a scene there is nothing to check.
+    ///
+    /// # Errors
+    /// [`SimulatorError`] names the first frame that does not fit.
+    pub fn check_truth(&self, scene: &dyn Scene, frames: &[usize]) -> Result<(), SimulatorError> {
+        let Some(truth) = &self.truth else { return Ok(()) };
+        let name_of = |scene: &dyn Scene| scene.name().to_owned();
+        if !truth.scene.has_depth() {
+            return Err(SimulatorError::NoDepthInScene { scene: name_of(truth.scene.as_ref()) });
+        }
+        let mut names = frames.iter().map(|index| scene.frame_name(*index));
+        if let Some(frame) = names.find(|name| !truth.index_of_name.contains_key(name)) {
+            return Err(SimulatorError::NoTrueDepth { scene: name_of(truth.scene.as_ref()), frame });
+        }
+        // A frame that cannot be read is left out of a run.
+        let first = frames.iter().find_map(|index| scene.read_recorded(*index).ok());
+        match first.and_then(|first| truth.framing.apply(first.frame).ok()) {
+            Some(frame) => truth.of(&frame).map(drop),
+            None => Ok(()),
+        }
     }
 
     /// A number with a standard normal distribution that changes smoothly, within about a second.
@@ -291,6 +317,22 @@ mod tests {
         }
         let error = predictor.predict(&frame(0)).unwrap_err().to_string();
         assert!(error.contains("has no frame 7"), "{error}");
+    }
+
+    #[test]
+    fn a_scene_whose_true_depth_does_not_fit_is_refused_before_the_first_frame() {
+        let scene = |text: &str| -> Arc<dyn Scene> { Arc::new(splatseg_test_scenes::room(text)) };
+        let (frames, truth) = (scene("synthetic:frames=4,width=64,height=48"), Framing::default());
+        let check = |text: &str, used: &[usize]| {
+            let predictor = SimDepthPredictor::new(SimDepthSettings::default(), 3).with_truth(scene(text), truth);
+            predictor.check_truth(frames.as_ref(), used).map_err(|error| error.to_string())
+        };
+        let shorter = "synthetic:frames=2,width=64,height=48";
+        assert_eq!(check(shorter, &[0, 1]), Ok(()));
+        let error = check(shorter, &[1, 3]).unwrap_err();
+        assert!(error.contains(&format!("has no frame {}", frames.frame_name(3))), "{error}");
+        let error = check("synthetic:frames=4,width=32,height=24", &[0]).unwrap_err();
+        assert!(error.contains("32x24") && error.contains("64x48"), "{error}");
     }
 
     #[test]

@@ -41,6 +41,25 @@ pub enum SimulatorError {
         /// Name of the frame.
         frame: String,
     },
+    /// The scene with the true depth has no depth.
+    #[error("{scene} has no depth (true_depth)")]
+    NoDepthInScene {
+        /// Name of the scene.
+        scene: String,
+    },
+    /// The true depth does not have the frame's size.
+    #[error(
+        "the true depth of frame {frame} has {}x{} pixels, expected the frame's {}x{} (true_depth)",
+        found.0, found.1, expected.0, expected.1
+    )]
+    TrueDepthSize {
+        /// Name of the frame.
+        frame: String,
+        /// Size of the true depth.
+        found: (usize, usize),
+        /// Size of the frame.
+        expected: (usize, usize),
+    },
     /// The ground truth of a frame could not be read.
     #[error("the ground truth of frame {frame}: {source}")]
     GroundTruth {

@@ -4,6 +4,7 @@ use crate::Settings;
 use crate::pipeline::{FrameResult, MapScale, StageTimes};
 use crate::relative_paths::relative_to;
 use serde::{Deserialize, Serialize};
+use splatseg_dataset::GuessedCamera;
 use splatseg_geometry::{MAX_16_BIT_ID, RemappedId};
 use splatseg_objects::ObjectSighting;
 use splatseg_odometry::{InputDoubt, PoseEventCounts, PoseState};
@@ -69,6 +70,9 @@ pub struct Summary {
     pub final_pass_s: Option<f64>,
     /// Where the map's scale is from, if all of its depth is predicted; null otherwise.
     pub scale: Option<MapScale>,
+    /// The focal length that was assumed, and the range of usual ones, pixels, if nothing describes the camera; null
+    /// otherwise.
+    pub guessed_camera: Option<GuessedCamera>,
     /// Frames per second.
     pub fps: FramesPerSecond,
     /// State of the run at up to 64 frames in equal steps.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import _splatseg
 from .objects import Objects, parse
+from .predicted_depth import with_network
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -46,7 +47,8 @@ class Live:
     The newest frame wins; frames are processed on a thread of their own. ``map`` is loaded if it exists, and saved
     every ``save_interval`` seconds and at the end. With ``every_frame`` no frame is dropped: :meth:`feed` waits.
     With a ``lag``, ids and overlays come that many seconds later, decided again with what has been seen since.
-    ``config`` and all other keywords are settings, as for :class:`Pipeline`.
+    ``config`` and all other keywords are settings, as for :class:`Pipeline`; ``depth_predictor`` may be
+    :func:`ss.depth(...) <depth>`, but no function. A camera without depth needs it and ``dataset={"depth": "none"}``.
 
     Raises ``TypeError`` for unknown settings, ``ValueError`` for invalid values and files.
     """
@@ -61,7 +63,7 @@ class Live:
         lag: float = 0.0,
         **settings: Any,
     ) -> None:
-        self._live = _splatseg.Live(settings, map, save_interval, every_frame, config, lag)
+        self._live = _splatseg.Live(with_network(settings), map, save_interval, every_frame, config, lag)
 
     def feed(self, topic: str, type: str, data: bytes) -> None:
         """Takes in a message in CDR of a type such as ``sensor_msgs/msg/Image``, from any thread.

@@ -16,10 +16,10 @@ from .frame import Frame
 from .memory import Memory
 from .naming import Names
 from .objects import FoundObject, Object, Objects, ObjectSighting, Sightings, parse
-from .predicted_depth import Depth
+from .predicted_depth import with_network
 from .progress import with_progress
 from .result import StepResult
-from .scene import open_scene
+from .scene import Scene, open_scene
 from .segmenters import Segmenter
 
 if TYPE_CHECKING:
@@ -81,12 +81,9 @@ class Pipeline:
             function = segmenter
         elif segmenter is not None:
             settings["segmenter"] = segmenter
+        settings = with_network(settings)
         predictor, used = settings.get("depth_predictor"), None
-        if isinstance(predictor, Depth):
-            own = settings.get("depth_anything", {})
-            section = {**predictor.settings["depth_anything"], **own}
-            settings = {**settings, **predictor.settings, "depth_anything": section}
-        elif callable(predictor):
+        if callable(predictor):
             settings.pop("depth_predictor")
             used = predictor, settings.pop("predicted_depth", None)
         self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views, used)
@@ -178,11 +175,17 @@ class Pipeline:
         notebook shows a progress bar if tqdm is installed; ``progress`` demands it (``True``) or leaves it out
         (``False``).
 
-        Raises what :func:`splatseg.open_scene` and :meth:`step` do, and ``ImportError`` if a demanded bar is not possible.
+        Raises what :func:`splatseg.open_scene` and :meth:`step` do, ``ValueError`` if the scene has no depth and none is
+        predicted in its place, and ``ImportError`` if a demanded bar is not possible.
         """
         frames: Iterable[Frame] = open_scene(source, **settings) if isinstance(source, str | os.PathLike) else source
         if settings and frames is source:
             raise TypeError(f"{', '.join(settings)}: settings are for a source that is opened here: a path")
+        if isinstance(frames, Scene) and not frames.has_depth and not self._pipeline.predicts_all_depth:
+            raise ValueError(
+                f"{frames.path}: colour without depth, and depth is needed: make the pipeline with "
+                'depth_predictor=ss.depth(FILE), predicted_depth="all"'
+            )
         shown = with_progress(frames, progress)
         return (
             self.step(f.rgb, f.depth, K=f.K, camera_to_world=f.camera_to_world, timestamp=f.timestamp, name=f.name)

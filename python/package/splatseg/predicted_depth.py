@@ -36,6 +36,15 @@ class Depth:
         return f"<splatseg.Depth: {self.settings['depth_weights']}, {kind}>"
 
 
+def with_network(settings: dict[str, Any]) -> dict[str, Any]:
+    """Returns settings in which a :class:`Depth` as ``depth_predictor`` is replaced by the settings that choose it."""
+    predictor = settings.get("depth_predictor")
+    if not isinstance(predictor, Depth):
+        return settings
+    section = {**predictor.settings["depth_anything"], **settings.get("depth_anything", {})}
+    return {**settings, **predictor.settings, "depth_anything": section}
+
+
 def depth(weights: str | os.PathLike[str], *, short_side: int = 252, output: str = "auto") -> Depth:
     """Loads Depth Anything V2: ``ss.FastSamSplat(depth_predictor=ss.depth("depth_anything_v2_vits.pth"))``.
 

@@ -39,6 +39,11 @@ class Scene:
         return self._scene.has_poses
 
     @property
+    def has_depth(self) -> bool:
+        """False if no frame has depth, as in a video: it must be predicted."""
+        return self._scene.has_depth
+
+    @property
     def has_ground_truth(self) -> bool:
         """True if frames may have true ids."""
         return self._scene.has_ground_truth

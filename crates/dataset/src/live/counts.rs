@@ -4,7 +4,7 @@ use std::fmt;
 
 /// Counts of a stream's messages. Each message is counted once:
 /// `messages = images + taken_in + ignored + damaged`, and
-/// `images = 2 × (frames + unreadable) + dropped.total() + waiting`.
+/// `images = 2 × (frames + unreadable) + dropped.total() + waiting`; without depth, a frame has one image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct MatchCounts {
@@ -18,7 +18,7 @@ pub struct MatchCounts {
     pub ignored: u64,
     /// Of these: messages that cannot be read or are too large.
     pub damaged: u64,
-    /// Frames given to the consumer, of two images each, without those counted as unreadable.
+    /// Frames given to the consumer, without those counted as unreadable.
     pub frames: u64,
     /// Of these: frames without a pose, though there is a source of poses: it was late, or does not cover their time.
     pub without_pose: u64,

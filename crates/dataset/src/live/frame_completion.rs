@@ -176,7 +176,7 @@ impl FrameMatcher {
     fn drop_complete(&mut self, reason: fn(&mut DropCounts) -> &mut u64) {
         if let Some(frame) = self.complete.pop_front() {
             self.forget(&frame);
-            *reason(&mut self.counts.dropped) += 2;
+            *reason(&mut self.counts.dropped) += frame.images().count() as u64;
         }
     }
 
@@ -199,8 +199,7 @@ impl FrameMatcher {
             self.drop_complete(|dropped| &mut dropped.memory);
         } else if let Some(place) = self.pairs.iter().position(|pair| is_it(&pair.color) || is_it(&pair.depth)) {
             let pair = self.pairs.remove(place);
-            let images = pair.map(|pair| [pair.color, pair.depth]);
-            self.drop_images(images.into_iter().flatten(), |dropped| &mut dropped.memory);
+            self.drop_images(pair.into_iter().flat_map(Pair::images), |dropped| &mut dropped.memory);
         } else {
             let dropped = self.timeline(topic).map(|images| images.take_number(number)).unwrap_or_default();
             self.drop_images(dropped, |dropped| &mut dropped.memory);
@@ -213,11 +212,11 @@ impl FrameMatcher {
         self.paired = None;
         self.depth_is_ahead = false;
         let pairs: Vec<Pair> = self.pairs.drain(..).collect();
-        self.drop_images(pairs.into_iter().flat_map(|pair| [pair.color, pair.depth]), |dropped| &mut dropped.set_back);
+        self.drop_images(pairs.into_iter().flat_map(Pair::images), |dropped| &mut dropped.set_back);
         while !self.complete.is_empty() && !self.keeps_frames {
             self.drop_complete(|dropped| &mut dropped.set_back);
         }
-        let depth = self.chosen.as_ref().map(|chosen| chosen.depth);
+        let depth = self.chosen.as_ref().filter(|chosen| chosen.has_depth()).map(|chosen| chosen.depth);
         let before = depth.and_then(|depth| Some(self.timeline(depth)?.restart(at))).unwrap_or_default();
         self.drop_images(before, |dropped| &mut dropped.set_back);
         self.contents.tree.restart(at);

@@ -96,8 +96,10 @@ impl FrameMatcher {
     /// If a setting is out of range.
     pub fn new(settings: &DatasetSettings, limits: MatchLimits) -> Result<Self, DatasetError> {
         settings.validate()?;
+        let checks = FrameChecks::new(settings.framing());
+        let checks = if settings.reads_depth_topic() { checks } else { checks.without_depth() };
         let common = FramesInCommon {
-            checks: Mutex::new(FrameChecks::new(settings.framing())),
+            checks: Mutex::new(checks),
             pose_format: settings.pose_format(),
             unreadable: AtomicU64::new(0),
             unreadable_without_pose: AtomicU64::new(0),

@@ -14,6 +14,7 @@ use std::sync::Arc;
 #[derive(Debug)]
 pub(super) struct StreamTopics {
     pub(super) color: usize,
+    /// Equal to `color` if there is no depth.
     pub(super) depth: usize,
     infos: [Option<usize>; 2],
     pub(super) poses: PoseSource,
@@ -31,7 +32,7 @@ impl StreamTopics {
     pub(super) fn new(contents: &Contents, settings: &DatasetSettings) -> Result<Self, DatasetError> {
         let path = Path::new(STREAM);
         let choice = Chooser { path, contents, settings }.choose()?;
-        if std::ptr::eq(choice.color.0, choice.depth.0) {
+        if choice.has_depth && std::ptr::eq(choice.color.0, choice.depth.0) {
             return Err(DatasetError::Field {
                 path: path.to_owned(),
                 field: "dataset.depth".to_owned(),
@@ -51,6 +52,11 @@ impl StreamTopics {
         let (color, depth) = (index(choice.color.0), index(choice.depth.0));
         let infos = [choice.color_info, choice.depth_info].map(|info| info.map(index));
         Ok(Self { color, depth, infos, poses, reader, sources, coordinate_frames })
+    }
+
+    /// Returns true if frames have depth.
+    pub(super) fn has_depth(&self) -> bool {
+        self.color != self.depth
     }
 
     /// Returns true if the messages of a topic are used.
@@ -74,7 +80,7 @@ impl StreamTopics {
         let Some((color, depth)) = topics() else { return Ok(()) };
         // Reading images does not depend on the poses.
         let pose = PoseChoice::None(NoPoses::Chosen);
-        let choice = Choice { color, depth, color_info, depth_info, pose };
+        let choice = Choice { color, depth, has_depth: self.has_depth(), color_info, depth_info, pose };
         let maker = FrameMaker { path: Path::new(STREAM), contents, settings, choice };
         self.reader = Arc::new(FrameReader::new(&maker)?);
         Ok(())

@@ -26,7 +26,7 @@ pub(super) struct FramesInCommon {
     pub(super) unreadable_without_pose: AtomicU64,
 }
 
-/// A frame of a stream: two images that belong together, and the camera's pose if it is known. Reading it takes time
+/// A frame of a stream: two images that belong together, or one of colour if there is no depth, and the camera's pose if it is known. Reading it takes time
 /// (decoding, undistortion, registration), so do this where it does not keep the [`FrameMatcher`](crate::FrameMatcher)
 /// from receiving messages.
 #[derive(Debug)]
@@ -53,12 +53,14 @@ impl UndecodedFrame {
         self.frame.stamp
     }
 
-    /// Returns the topic of its colour image and the message, in CDR, and those of its depth image.
-    pub fn images(&self) -> [(&str, &[u8]); 2] {
-        [(&self.reader.color.topic, &self.color), (&self.reader.depth.topic, &self.depth)]
+    /// Returns the topic of its colour image and the message, in CDR, and those of its depth image, if it has one.
+    pub fn images(&self) -> impl Iterator<Item = (&str, &[u8])> {
+        let depth = (self.reader.depth.topic.as_str(), &*self.depth);
+        let depth = Some(depth).filter(|_| self.reader.has_depth());
+        [(self.reader.color.topic.as_str(), &*self.color)].into_iter().chain(depth)
     }
 
-    /// Returns when the second of its images was received, as passed to [`FrameMatcher::feed`](crate::FrameMatcher::feed).
+    /// Returns when the last of its images was received, as passed to [`FrameMatcher::feed`](crate::FrameMatcher::feed).
     pub fn received(&self) -> Duration {
         self.received
     }

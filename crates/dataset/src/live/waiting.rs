@@ -55,11 +55,19 @@ impl WaitingImages {
     }
 }
 
-/// Colour and depth that belong together, and wait for the camera's pose.
+/// Colour and depth that belong together, and wait for the camera's pose. Both are one image if there is no depth.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pair {
     pub(super) color: StampedPlace,
     pub(super) depth: StampedPlace,
     /// When the second of them was received, as [`WaitingImage::elapsed`].
     pub(super) since: Duration,
+}
+
+impl Pair {
+    /// Its images.
+    pub(super) fn images(self) -> impl Iterator<Item = StampedPlace> {
+        let depth = Some(self.depth).filter(|depth| depth.recorded.number != self.color.recorded.number);
+        [self.color].into_iter().chain(depth)
+    }
 }

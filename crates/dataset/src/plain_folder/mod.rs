@@ -17,7 +17,7 @@ use crate::depth_file::{DEPTH_ENDINGS, DEPTH_FILE_NAMES, read_depth};
 use crate::error::COLOR_IMAGE;
 use crate::files::is_there;
 use crate::listing::{folder_name, no_frames_in};
-use crate::own_camera::{OwnCamera, camera_place, no_camera};
+use crate::own_camera::{GuessedCamera, OwnCamera, camera_place, no_camera};
 use crate::recorded_poses::{LOST, PoseCoverage};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::undistort::Undistortion;
@@ -62,6 +62,8 @@ pub struct FolderScene {
     undistortion: OnceLock<Option<Undistortion>>,
     left_out: Vec<LeftOut>,
     sources: Vec<String>,
+    /// The camera, if nothing describes it.
+    guessed: Option<GuessedCamera>,
     /// The frames of a video, removed with this.
     extracted: Option<TempDir>,
 }
@@ -107,6 +109,7 @@ impl FolderScene {
             undistortion: OnceLock::new(),
             left_out,
             sources: Vec::new(),
+            guessed: None,
             extracted: None,
         };
         // A wrong size in camera.json is reported once, not for every frame. A damaged image is reported when its frame
@@ -299,6 +302,10 @@ impl Scene for FolderScene {
 
     fn left_out(&self) -> &[LeftOut] {
         &self.left_out
+    }
+
+    fn guessed_camera(&self) -> Option<GuessedCamera> {
+        self.guessed
     }
 
     fn sources(&self) -> &[String] {

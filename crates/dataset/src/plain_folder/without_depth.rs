@@ -7,7 +7,7 @@ use super::names::{COLOR_FOLDER, DEPTH_FOLDER, Images, Twins};
 use super::{CAMERA_FILE, FolderScene, POSES, coverage, read_pose_list, size_of_images};
 use crate::files::is_there;
 use crate::listing::{all_names_in, folder_name, no_frames_in};
-use crate::own_camera::OwnCamera;
+use crate::own_camera::{GuessedCamera, OwnCamera};
 use crate::recorded_poses::PoseCoverage;
 use crate::{DatasetError, DatasetSettings, Format};
 use std::path::Path;
@@ -87,15 +87,13 @@ impl FolderScene {
         let (frames, left_out): (Vec<FolderFrame>, _) = frames_without_depth(color, &listed);
         let path = folder.join(CAMERA_FILE);
         let size = size_of_images(&frames)?;
-        let mut sources = Vec::new();
+        let mut guessed = None;
         let (mut camera, size_from) = if is_there(&path) {
             (FolderCamera::read(&path, settings)?, CAMERA_FILE)
         } else {
-            if own_camera.is_none() {
-                sources.push(OwnCamera::GUESS_TOLD.to_owned());
-            }
-            let guess = OwnCamera::guess(size).intrinsics(size);
-            (FolderCamera::without_file(guess, settings), "the first image")
+            let guess = GuessedCamera::of(size);
+            guessed = Some(guess).filter(|_| own_camera.is_none());
+            (FolderCamera::without_file(OwnCamera::guessed(&guess).intrinsics(size), settings), "the first image")
         };
         if let Some(own) = own_camera {
             camera.intrinsics = own.intrinsics((camera.intrinsics.width, camera.intrinsics.height));
@@ -112,7 +110,8 @@ impl FolderScene {
             size_from,
             undistortion: OnceLock::new(),
             left_out,
-            sources,
+            sources: guessed.iter().map(GuessedCamera::text).collect(),
+            guessed,
             extracted: None,
         })
     }

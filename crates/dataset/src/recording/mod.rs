@@ -90,6 +90,17 @@ impl RecordingScene {
         Self::from_contents((recording.name(), file), &contents, settings)
     }
 
+    /// Returns true if a recording, or the only one in a folder, has no topic with depth. Reads all of it once.
+    ///
+    /// # Errors
+    /// If there is no recording or there are several, or the file is not of the kind that its name says.
+    pub(crate) fn lacks_depth(path: &Path) -> Result<bool, DatasetError> {
+        let recording = RecordingParts::find_any(path)?;
+        let mut recorded = RecordedTopics::new(&recording.path);
+        RecordedFile::scan(&recording, &mut recorded)?;
+        Ok(!recorded.contents.has_depth())
+    }
+
     /// Returns true if a path has the name of a recording, or is a folder containing some.
     pub fn is_recording(path: &Path) -> bool {
         Container::ALL.iter().any(|container| RecordingParts::looks_like(path, *container))
@@ -159,6 +170,10 @@ impl Scene for RecordingScene {
         let timestamp = u64::try_from(frame.stamp).ok().map(Duration::from_nanos);
         let name = self.frame_name(index);
         FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: frame.pose }.into_frame()
+    }
+
+    fn has_depth(&self) -> bool {
+        self.reader.has_depth()
     }
 
     fn has_poses(&self) -> bool {

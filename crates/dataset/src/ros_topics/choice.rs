@@ -21,12 +21,16 @@ const TF: &str = "/tf";
 const TF_STATIC: &str = "/tf_static";
 /// Value of the setting `pose` for a recording whose poses are not used.
 pub(crate) const NO_POSES: &str = "none";
+/// Remedy for a camera without a depth sensor.
+const NO_DEPTH_REMEDY: &str = "for a camera without depth, --depth none and --depth-weights FILE predict it";
 
 /// The topics used.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Choice<'a> {
     pub(crate) color: (&'a Topic, &'a Images),
+    /// Equal to `color` if depth is not read, as `has_depth` says: each image is then its own partner.
     pub(crate) depth: (&'a Topic, &'a Images),
+    pub(crate) has_depth: bool,
     /// `None` if the settings alone describe the camera.
     pub(crate) color_info: Option<&'a Topic>,
     /// Equal to `color_info` if the depth camera has no camera info but the frame of the colour camera. `None` if depth
@@ -70,8 +74,8 @@ impl<'a> Chooser<'a> {
     /// or the requested one is not.
     pub(crate) fn choose(&self) -> Result<Choice<'a>, DatasetError> {
         let color = self.color()?;
-        let depth = self.depth(color.1)?;
-        self.warn_of_eight_bits(depth.0);
+        let has_depth = self.settings.reads_depth_topic();
+        let depth = if has_depth { self.depth(color.1)? } else { color };
         let is_described = self.settings.fx.is_some();
         let color_info = match &self.settings.camera_info {
             Some(name) => Some(self.info_named("camera_info", name)?),
@@ -80,6 +84,11 @@ impl<'a> Chooser<'a> {
                 info => info,
             },
         };
+        let pose = self.pose(color.1)?;
+        if !has_depth {
+            return Ok(Choice { color, depth, has_depth, color_info, depth_info: None, pose });
+        }
+        self.warn_of_eight_bits(depth.0);
         let follows_color = depth.1.frame == color.1.frame
             || self.settings.register_depth == DepthRegistration::False
             || color_info.is_none();
@@ -91,7 +100,7 @@ impl<'a> Chooser<'a> {
                 info => info,
             },
         };
-        Ok(Choice { color, depth, color_info, depth_info, pose: self.pose(color.1)? })
+        Ok(Choice { color, depth, has_depth, color_info, depth_info, pose })
     }
 
     fn error(&self, field: impl Into<String>, found: String, expected: impl Into<String>) -> DatasetError {
@@ -134,7 +143,7 @@ impl<'a> Chooser<'a> {
         let bases: Vec<&str> = bases.map(|(topic, _)| without_transport(&topic.name)).collect();
         candidates.retain(|(topic, _)| !bases.contains(&without_transport(&topic.name)));
         self.only(&candidates, "topics of colour images", "--color")
-            .ok_or_else(|| self.no_images("colour images", COLOR_ENCODINGS))?
+            .ok_or_else(|| self.no_images("colour images", COLOR_ENCODINGS.to_owned()))?
     }
 
     fn depth(&self, color: &Images) -> Result<(&'a Topic, &'a Images), DatasetError> {
@@ -154,7 +163,7 @@ impl<'a> Chooser<'a> {
             candidates.retain(is_registered);
         }
         self.only(&candidates, "topics of depth images", "--depth")
-            .ok_or_else(|| self.no_images("depth images", DEPTH_ENCODINGS))?
+            .ok_or_else(|| self.no_images("depth images", format!("{DEPTH_ENCODINGS}; {NO_DEPTH_REMEDY}")))?
     }
 
     /// Warns about depth of 8 bits beside the depth that is used.
@@ -193,7 +202,7 @@ impl<'a> Chooser<'a> {
     }
 
     /// Returns the error for a recording without images of a kind. It lists the images or topics there are.
-    fn no_images(&self, what: &str, encodings: &str) -> DatasetError {
+    fn no_images(&self, what: &str, encodings: String) -> DatasetError {
         let mut found: Vec<String> =
             self.images().map(|(topic, images)| format!("{} ({})", topic.name, images.encoding)).collect();
         if found.is_empty() {

@@ -176,6 +176,15 @@ impl Contents {
         }
     }
 
+    /// Returns true if a topic has images with depth.
+    pub(crate) fn has_depth(&self) -> bool {
+        let is_depth = |content: &Content| match content {
+            Content::Images(images) => images.kind == Some(ImageKind::Depth),
+            _ => false,
+        };
+        self.topics.iter().any(|topic| is_depth(&topic.content))
+    }
+
     /// Finds a topic by name, with or without the leading slash.
     pub(crate) fn find(&self, name: &str) -> Option<&Topic> {
         let bare = |name: &str| name.trim_start_matches('/').to_owned();

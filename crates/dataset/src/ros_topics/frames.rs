@@ -251,9 +251,13 @@ impl<'a> FrameMaker<'a> {
         }
     }
 
-    /// Pairs colour and depth images by time, in time order.
+    /// Pairs colour and depth images by time, in time order. Without depth, each colour image is its own partner.
     fn pairs(&self) -> Vec<(StampedPlace, StampedPlace)> {
         let (color, depth) = (&self.choice.color.1.timeline, &self.choice.depth.1.timeline);
+        if !self.choice.has_depth {
+            let images = color.stretches.iter().flat_map(|stretch| &stretch.messages);
+            return images.map(|image| (*image, *image)).collect();
+        }
         let mut pairs = Vec::with_capacity(color.len());
         for stretch in &color.stretches {
             // Contains one entry if the clock is never set back.
@@ -308,7 +312,7 @@ impl<'a> FrameMaker<'a> {
         let left_out = LeftOut::list([
             (color.len() - pairs.len(), format!("without a depth image within {limit_ms} ms of their colour image")),
             (color.misfits + color.duplicates, misfit_text(&color_topic.name)),
-            (depth.misfits + depth.duplicates, misfit_text(&depth_topic.name)),
+            (if self.choice.has_depth { depth.misfits + depth.duplicates } else { 0 }, misfit_text(&depth_topic.name)),
         ]);
         let gap_ms = self.settings.max_pose_gap_ms;
         let reason = format!("without a pose at their time (or within {gap_ms} ms)");

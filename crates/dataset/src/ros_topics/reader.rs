@@ -61,8 +61,13 @@ impl FrameReader {
         let (choice, path) = (&maker.choice, maker.path);
         let own_camera = OwnCamera::from_settings(maker.settings)?;
         let color = Cameras::new(choice.color_info, choice.color, own_camera, path)?;
-        let mut depth = depth_cameras(maker, own_camera)?;
-        let Decision { alignment, warning } = decide(maker, own_camera, (&color, &depth))?;
+        let (mut depth, Decision { alignment, warning }) = if choice.has_depth {
+            let depth = depth_cameras(maker, own_camera)?;
+            let decision = decide(maker, own_camera, (&color, &depth))?;
+            (depth, decision)
+        } else {
+            (Cameras::unknown(), Decision { alignment: Alignment::NoDepth, warning: None })
+        };
         if let Some(warning) = warning {
             warn_once(format!("{}: {warning}", path.display()));
         }
@@ -94,6 +99,11 @@ impl FrameReader {
         Ok(Self { own_camera, color, depth, alignment })
     }
 
+    /// True if the chosen topics have depth.
+    pub(crate) fn has_depth(&self) -> bool {
+        self.alignment != Alignment::NoDepth
+    }
+
     /// Describes the images, for people. `choice` is that of [`Self::new`].
     pub(crate) fn sources(&self, choice: &Choice<'_>) -> [String; 2] {
         let size = |source: &ImageSource| {
@@ -104,13 +114,14 @@ impl FrameReader {
         let aligned = match self.alignment {
             Alignment::Registered { .. } => ", registered to colour here",
             Alignment::SameCamera if is_resized() => ", registered to colour here",
-            Alignment::SameCamera => "",
+            Alignment::SameCamera | Alignment::NoDepth => "",
             Alignment::AsColor => ", taken as registered to colour",
         };
-        [
-            source_text("colour", choice.color, &self.color.cameras.topic),
-            source_text("depth", choice.depth, &self.depth.cameras.topic) + aligned,
-        ]
+        let depth = match self.has_depth() {
+            true => source_text("depth", choice.depth, &self.depth.cameras.topic) + aligned,
+            false => "depth: none (dataset.depth)".to_owned(),
+        };
+        [source_text("colour", choice.color, &self.color.cameras.topic), depth]
     }
 
     /// Decodes an image of a frame. Also returns its place, for errors.
@@ -209,15 +220,19 @@ impl FrameReader {
         Ok((depth, warp))
     }
 
-    /// Reads registered colour and depth images, and their camera.
+    /// Reads registered colour and depth images, and their camera. Depth is 0 if there is none.
     pub(crate) fn read<D: Deref<Target = [u8]>>(
         &self,
         frame: &PairedFrame,
         messages: &MessageSource<impl Fn(MessagePlace) -> Result<D, DatasetError>, impl Fn(&str) -> PathBuf>,
     ) -> Result<RegisteredImages, DatasetError> {
         let (color, color_camera, _) = Self::read_image(&self.color, messages, (frame.color, frame.cameras.0), &COLOR)?;
-        let (depth, warp) = self.read_depth(frame, messages, color_camera)?;
         let camera = color_camera.intrinsics;
+        if !self.has_depth() {
+            let depth = Image::filled(color.width(), color.height(), 0.0);
+            return Ok((color, depth, camera));
+        }
+        let (depth, warp) = self.read_depth(frame, messages, color_camera)?;
         let Some((depth_camera, color_from_depth)) = warp else {
             require_registered(&color, &depth, &(messages.place)(&self.depth.topic))?;
             return Ok((color, depth, camera));

@@ -28,6 +28,8 @@ pub(super) enum Alignment {
     SameCamera,
     /// Its pixels are those of the stored colour images: it is undistorted with the colour camera's lens.
     AsColor,
+    /// There is none.
+    NoDepth,
     /// It is undistorted and then warped from its own camera.
     Registered { color_from_depth: Pose },
 }

@@ -8,7 +8,8 @@ use crate::support::mcap::{
 use crate::support::recording::{jpeg_bytes, recording};
 use glam::{DQuat, DVec3};
 use splatseg_dataset::{
-    DatasetSettings, FrameMatcher, MatchLimits, RecordedFrame, RecordingScene, Scene, StreamedFrame, open_scene,
+    DatasetSettings, FrameMatcher, MatchLimits, RecordedFrame, RecordingScene, Scene, StreamedFrame, has_depth,
+    lacks_depth_topic, open_scene,
 };
 use splatseg_geometry::RgbdFrame;
 use std::fs;
@@ -94,6 +95,64 @@ fn recordings_of_other_programs_give_the_same_frames_as_a_stream() {
         assert!(matcher.undecided().is_none());
         assert_eq!((matcher.counts().dropped.total(), matcher.counts().waiting), (0, 0), "{}", matcher.counts());
     }
+}
+
+/// Messages of a camera without a depth sensor.
+fn color_only() -> Vec<Received> {
+    let all = messages(&fs::read(data("room.mcap")).unwrap());
+    all.into_iter().filter(|message| !message.topic.contains("depth")).collect()
+}
+
+#[test]
+fn a_camera_without_depth_gives_its_colour_images_if_the_settings_say_so() {
+    let none = DatasetSettings::default().with(|settings| settings.depth = Some("none".to_owned()));
+    let scene = RecordingScene::open(&data("room.mcap"), &none).unwrap();
+    assert!(!scene.has_depth() && !has_depth(&data("room.mcap"), &none));
+    let whole = RecordingScene::open(&data("room.mcap"), &DatasetSettings::default()).unwrap();
+    assert_eq!(scene.frame_count(), whole.frame_count());
+    for messages in [color_only(), messages(&fs::read(data("room.mcap")).unwrap())] {
+        let mut matcher = FrameMatcher::new(&none, no_frame_is_dropped()).unwrap();
+        messages.iter().for_each(|message| feed(&mut matcher, message));
+        matcher.flush();
+        let frames = std::iter::from_fn(|| matcher.take(Duration::ZERO));
+        let frames: Vec<StreamedFrame> = frames
+            .map(|frame| {
+                assert_eq!(frame.images().count(), 1);
+                frame.read().unwrap()
+            })
+            .collect();
+        assert_same(&frames, &scene);
+        assert_eq!(matcher.sources(), &scene.sources()[..3]);
+        assert!(matcher.sources()[1].starts_with("depth: none"), "{:?}", matcher.sources());
+        let counts = matcher.counts();
+        assert_eq!((counts.images, counts.dropped.total(), counts.waiting), (counts.frames, 0, 0), "{counts:?}");
+    }
+    for (index, frame) in (0..scene.frame_count()).map(|index| (index, scene.read_recorded(index).unwrap().frame)) {
+        assert_eq!(frame.color(), whole.read_recorded(index).unwrap().frame.color());
+        assert!(frame.depth().pixels().iter().all(|depth| *depth == 0.0));
+    }
+}
+
+#[test]
+fn without_depth_a_slow_consumer_gets_the_newest_image() {
+    let none = DatasetSettings::default().with(|settings| settings.depth = Some("none".to_owned()));
+    let mut matcher = FrameMatcher::new(&none, MatchLimits::default()).unwrap();
+    color_only().iter().for_each(|message| feed(&mut matcher, message));
+    matcher.flush();
+    let frames = take_all(&mut matcher, Duration::ZERO);
+    let counts = matcher.counts();
+    assert_eq!((frames.len(), counts.dropped.busy, counts.images), (1, 3, 4), "{counts:?}");
+}
+
+#[test]
+fn a_missing_depth_sensor_is_told_with_the_option_that_helps() {
+    let mut matcher = FrameMatcher::new(&DatasetSettings::default(), no_frame_is_dropped()).unwrap();
+    color_only().iter().for_each(|message| feed(&mut matcher, message));
+    matcher.flush();
+    let told = matcher.undecided().unwrap().to_string();
+    assert!(told.contains("depth images: found none") && told.contains("--depth none"), "{told}");
+    assert!(told.contains("--depth-weights") && !told.contains('\n'), "{told}");
+    assert!(!lacks_depth_topic(&data("room.mcap"), &DatasetSettings::default()));
 }
 
 #[test]

@@ -7,8 +7,8 @@ use crate::input_paths::InputPaths;
 use crate::output_folder::file_name;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use splatseg::Settings;
 use splatseg::settings::SettingsLayers;
+use splatseg::{Pipeline, Settings};
 use splatseg_files::{MemoryLimit, read_file, text_of};
 use splatseg_metrics::ScoreSettings;
 use splatseg_output::write_atomically;
@@ -81,6 +81,7 @@ impl Plan {
         };
         settings.run.threads = num_cpus;
         let (memory, score) = (worker_memory(&settings), arguments.score.settings()?);
+        Pipeline::builder(&settings).check_depth_predictor().map_err(Failure::input)?;
         let scenes = listed_scenes(&arguments.scenes)?;
         check_paths(arguments, &settings, &scenes)?;
         let settings = serde_json::to_value(&settings).map_err(Failure::runtime)?;

@@ -1,11 +1,12 @@
 //! `splatseg bench`: every method on every scene with every seed.
 //!
 //! `plan.rs` plans the results to measure, `job.rs` measures one result, `pool.rs` runs several jobs at a time,
-//! `input_files.rs` hashes the input files, and `store.rs` keeps results on disk, so that a stopped benchmark can be
-//! resumed. `results.rs` writes the tables and the report, with the pictures from `drawings.rs`. `mesh_files.rs` finds the
+//! `depth_check.rs` checks depth predictors first, `input_files.rs` hashes the input files, and `store.rs` keeps results on
+//! disk, so that a stopped benchmark can be resumed. `results.rs` writes the tables and the report, with the pictures from `drawings.rs`. `mesh_files.rs` finds the
 //! scenes' meshes. `paper/` plans the paper's tables. The crate `splatseg-report` formats the tables and the report.
 
 mod arguments;
+mod depth_check;
 mod drawings;
 mod final_pass;
 #[cfg(test)]
@@ -48,7 +49,8 @@ pub fn bench(arguments: &BenchArguments, program: &[OsString]) -> Result<(), Fai
     if arguments.runs_the_paper() {
         return bench_paper(arguments, program);
     }
-    let plan = Plan::new(arguments)?;
+    let mut plan = Plan::new(arguments)?;
+    plan.check_depth_predictors()?;
     devices::check(plan.settings.device(), program)?;
     let outcomes = measure(&plan, arguments, &arguments.out)?;
     let benchmark = finish(&plan, &outcomes, &arguments.out)?;
@@ -63,7 +65,8 @@ fn bench_paper(arguments: &BenchArguments, program: &[OsString]) -> Result<(), F
     }
     let mut plans = Vec::new();
     for data in DataSet::ALL {
-        if let Some(plan) = paper.plan(data, arguments)? {
+        if let Some(mut plan) = paper.plan(data, arguments)? {
+            plan.check_depth_predictors()?;
             plan.require_a_scene()?;
             let folder = arguments.out.join(data.folder());
             check_output(&plan, &arguments.out)?;

@@ -27,6 +27,7 @@ use std::sync::Arc;
     splatseg live kitchen.mcap --map home.ply\n  \
     splatseg live kitchen.mcap --map home.ply --speed 0.5 --poses track\n  \
     splatseg live kitchen.mcap --map home.ply --every-frame\n  \
+    splatseg live webcam.mcap --depth-weights depth_anything_v2_metric_hypersim_vits.pth\n  \
     splatseg live kitchen.mcap --view\n\n\
     Ctrl-C or SIGTERM ends it after the present frame; the map is saved then, and every --save-interval seconds. Started\n\
     again with the same map, it goes on: a tracked camera first has to find its place in it.")]
@@ -59,8 +60,9 @@ impl LiveArguments {
 
 /// Executes `splatseg live`.
 pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failure> {
-    let settings = arguments.session.settings()?;
+    let mut settings = arguments.session.settings()?;
     arguments.check(&settings)?;
+    settings.settle_depth(&arguments.source).map_err(Failure::input)?;
     devices::check(settings.device(), program)?;
     use_threads(settings.run.threads)?;
     settings.run.memory_limit.enforce();

@@ -19,6 +19,7 @@ use std::sync::Arc;
     splatseg ros2 --map home.ply\n  \
     splatseg ros2 --map home.ply --color /camera/color/image_raw --depth /camera/aligned_depth_to_color/image_raw\n  \
     splatseg ros2 --map home.ply --poses track --discovery-range subnet\n  \
+    splatseg ros2 --map home.ply --depth none --depth-weights depth_anything_v2_metric_hypersim_vits.pth\n  \
     splatseg ros2 --view\n\n\
     Topics are found by their types, or named as for recordings (--color, --depth, --camera-info, --pose). Ctrl-C or\n\
     SIGTERM ends it after the present frame; the map is saved then, and every --save-interval seconds. Started again with\n\
@@ -56,7 +57,8 @@ impl Ros2Arguments {
 
 /// Executes `splatseg ros2`.
 pub fn ros2(arguments: &Ros2Arguments, program: &[OsString]) -> Result<(), Failure> {
-    let settings = arguments.session.settings()?;
+    let mut settings = arguments.session.settings()?;
+    settings.settle_depth_of_stream("--depth none").map_err(Failure::input)?;
     arguments.session.check(&settings, None)?;
     let (domain, name) = (arguments.domain()?, NodeName::new(&arguments.namespace, &arguments.name));
     let name = name.map_err(Failure::input)?;

@@ -7,7 +7,7 @@ use crate::options::SettingsOptions;
 use crate::output_folder::OverwritePolicy;
 use crate::run::{ExtraFile, FileKind};
 use clap::Args;
-use splatseg::Settings;
+use splatseg::{Pipeline, Settings};
 use splatseg_dataset::DatasetSettings;
 use splatseg_live::{LiveError, LiveOptions, LiveSession, LiveStream, Outlet, SavedMap, ViewOutlet, build_with};
 use splatseg_view::{Reach, ViewOptions};
@@ -70,6 +70,7 @@ impl SessionOptions {
                 "--start, --stride and --max-frames are not used here: a stream has no numbered frames",
             ));
         }
+        Pipeline::builder(settings).check_depth_predictor().map_err(Failure::input)?;
         in_range("--save-interval", self.save_interval, 0.1..=86_400.0)?;
         in_range("--lag", self.lag, 0.0..=LiveOptions::MAX_LAG.as_secs_f64())?;
         if let Some(map) = &self.map {

@@ -212,7 +212,7 @@ fn execute_with(
     job.settings.run.memory_limit.enforce();
     let signals = StopSignals::listen().map_err(|error| no_thread("listens for signals", &error))?;
     let dataset = &job.settings.dataset;
-    let scene = open_scene(&job.scene, dataset).map_err(Failure::input)?;
+    let scene = open_job_scene(job)?;
     let stream = FrameStream::open_at(Arc::clone(&scene), dataset, GroundTruth::Skip, state.next);
     let stream = stream.map_err(Failure::input)?;
     let selected = dataset.selected_frames(scene.frame_count()).map_err(Failure::input)?;
@@ -251,10 +251,20 @@ fn execute_with(
         pass.run(&mut pipeline, (&history, plan), &mut ended, changes).then(|| started.elapsed() - online)
     });
     let times = RunTimes { start_up, online, final_pass: final_pass.flatten() };
-    let summary = report::finish(job, ended, times, &pipeline, memory_file.as_ref())?;
+    let summary = report::finish(job, ended, times, (scene.as_ref(), &pipeline), memory_file.as_ref())?;
     // The run is complete, so its saved state is no longer needed.
     let _ = saved_run::remove(&job.out);
     Ok(summary)
+}
+
+/// Opens the scene of a job. Its depth predictor is checked before and after: the frames of a video are extracted when it is
+/// opened, which takes time.
+fn open_job_scene(job: &RunJob) -> Result<Arc<dyn Scene>, Failure> {
+    let checked = Pipeline::builder(&job.settings).networks(&job.networks);
+    checked.check_depth_predictor().map_err(Failure::input)?;
+    let scene = open_scene(&job.scene, &job.settings.dataset).map_err(Failure::input)?;
+    checked.scene(&scene).check_depth_predictor().map_err(Failure::input)?;
+    Ok(scene)
 }
 
 /// Names the objects, if the settings choose a namer that waits for the end of the frames.

@@ -8,6 +8,7 @@ use crate::terminal::counted;
 use splatseg::Pipeline;
 use splatseg::pipeline::MapScale;
 use splatseg::summary::{PoseStateCounts, RunCounts, Summary, peak_memory_mb};
+use splatseg_dataset::Scene;
 use splatseg_objects::ObjectCounts;
 use splatseg_output::{ObjectsFile, Page, PosesFile};
 use std::time::Duration;
@@ -28,7 +29,7 @@ pub fn finish(
     job: &RunJob,
     ended: LoopOutcome,
     times: RunTimes,
-    pipeline: &Pipeline,
+    (scene, pipeline): (&dyn Scene, &Pipeline),
     file: Option<&ExtraFile>,
 ) -> Result<Summary, Failure> {
     let LoopOutcome { counts, written, early } = ended;
@@ -52,7 +53,7 @@ pub fn finish(
     }
     let frames = counted(counts.frames, "frame");
     let at = if early.is_some() { format!("after {frames}") } else { format!("at the end of {frames}") };
-    let mut summary = summary(job, counts, times, pipeline);
+    let mut summary = summary(job, counts, times, (scene, pipeline));
     summary.error = early.as_ref().map(EarlyEnd::reason).into_iter().chain(lost.iter().cloned()).reduce(joined);
     if folder.has_results() {
         let text = summary.to_json(folder.path()).map_err(Failure::runtime)?;
@@ -98,7 +99,7 @@ impl EarlyEnd {
     }
 }
 
-fn summary(job: &RunJob, counts: RunCounts, times: RunTimes, pipeline: &Pipeline) -> Summary {
+fn summary(job: &RunJob, counts: RunCounts, times: RunTimes, (scene, pipeline): (&dyn Scene, &Pipeline)) -> Summary {
     let (map, objects) = (pipeline.map(), pipeline.object_list().counts());
     Summary {
         frames: counts.frames,
@@ -124,6 +125,7 @@ fn summary(job: &RunJob, counts: RunCounts, times: RunTimes, pipeline: &Pipeline
         start_up_s: times.start_up.as_secs_f64(),
         final_pass_s: times.final_pass.map(|time| time.as_secs_f64()),
         scale: pipeline.map_scale(),
+        guessed_camera: scene.guessed_camera(),
         fps: counts.fps(times.online),
         curve: counts.curve.into_points(),
         interrupted: counts.interrupted,

@@ -42,6 +42,7 @@ mod paper;
 mod phone_scenes;
 mod places;
 mod poses;
+mod predicted_depth;
 mod recording;
 mod report_browser;
 mod resume;

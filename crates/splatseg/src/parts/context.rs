@@ -1,7 +1,7 @@
 //! The data of a run that its parts may use.
 
 use super::{LoadedNetworks, PartError};
-use splatseg_dataset::{Framing, Scene};
+use splatseg_dataset::{DatasetSettings, Framing, Scene};
 use splatseg_models::device::DeviceName;
 use splatseg_segmenter::Detail;
 use splatseg_simulators::SceneGroundTruth;
@@ -21,6 +21,8 @@ pub struct PartContext<'a> {
     pub detail: Detail,
     /// True if the method prompts objects again that its tracker has lost.
     pub prompts_lost_objects: bool,
+    /// Which frames of the scene are used.
+    pub(crate) dataset: &'a DatasetSettings,
     pub(crate) networks: &'a LoadedNetworks,
     pub(crate) scene: Option<&'a Arc<dyn Scene>>,
 }

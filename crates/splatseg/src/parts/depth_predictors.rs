@@ -50,8 +50,13 @@ impl PartSection<dyn DepthPredictor> for SimDepthSettings {
         let predictor = SimDepthPredictor::new(*self, context.seed);
         let Some(path) = files.get(&TRUE_DEPTH) else { return Ok(Box::new(predictor)) };
         let failed = |source| PartError::Other { name: "true_depth".to_owned(), source: Box::new(source) };
-        let scene = open_scene(path, &DatasetSettings::default()).map_err(failed)?;
-        Ok(Box::new(predictor.with_truth(scene, context.framing)))
+        let truth = open_scene(path, &DatasetSettings::default()).map_err(failed)?;
+        let predictor = predictor.with_truth(truth, context.framing);
+        if let Some(scene) = context.scene {
+            let frames = context.dataset.selected_frames(scene.frame_count())?;
+            predictor.check_truth(scene.as_ref(), &frames)?;
+        }
+        Ok(Box::new(predictor))
     }
 }
 

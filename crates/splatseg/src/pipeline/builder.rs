@@ -262,6 +262,20 @@ impl<'a> PipelineBuilder<'a> {
         self.settings.method.tracker().map(|tracker| self.make_tracker(tracker)).transpose()
     }
 
+    /// Checks that the depth predictor of the settings can be built, if one is chosen: so that a wrong checkpoint is told
+    /// before frames are decoded. A network that is loaded here is kept in [`Self::networks`]. Only with [`Self::scene`] are
+    /// the frames of that scene compared with those of `true_depth`.
+    ///
+    /// # Errors
+    /// As [`Self::build`].
+    pub fn check_depth_predictor(&self) -> Result<(), PipelineError> {
+        self.check()?;
+        if let (None, Some(predictor)) = (&self.depth_predictor, &self.settings.depth_predictor) {
+            predictor.build(&self.context())?;
+        }
+        Ok(())
+    }
+
     fn check(&self) -> Result<(), PipelineError> {
         Instructions::check_choice()?;
         Ok(self.settings.validate()?)
@@ -293,6 +307,7 @@ impl<'a> PipelineBuilder<'a> {
             device: self.settings.run.device,
             seed: self.settings.run.seed,
             framing: self.settings.dataset.framing(),
+            dataset: &self.settings.dataset,
             detail: self.settings.run.detail,
             prompts_lost_objects: self.settings.method.prompts_lost_objects(),
             networks: &self.networks,

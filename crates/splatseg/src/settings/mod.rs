@@ -32,7 +32,7 @@ pub use registration::{register_depth_predictor, register_namer, register_segmen
 pub use registry::{describe, entries};
 
 use crate::pipeline::{PredictedDepthUse, Rotate};
-use splatseg_dataset::{DatasetError, DatasetSettings};
+use splatseg_dataset::{DatasetError, DatasetSettings, has_depth, lacks_depth_topic};
 use splatseg_files::MemoryLimit;
 use splatseg_models::device::{DeviceError, DeviceName, HAS_NETWORKS};
 use splatseg_odometry::PoseMode;
@@ -153,14 +153,34 @@ impl Settings {
     }
 
     /// Settles what a source without depth needs: a depth predictor, whose depth is then used everywhere. `source` is the path
-    /// of the scene. Reads no frame.
+    /// of the scene. Of a recording whose topics have no depth, [`DatasetSettings::depth`] becomes `none`, if a predictor is
+    /// chosen. Decodes no frame.
     ///
     /// # Errors
     /// [`SettingsError::NoDepth`] if the source has no depth and no predictor is chosen.
     pub fn settle_depth(&mut self, source: &Path) -> Result<(), SettingsError> {
-        if splatseg_dataset::has_depth(source, &self.dataset) {
+        if self.depth_predictor.is_some() && lacks_depth_topic(source, &self.dataset) {
+            self.dataset.depth = Some(DatasetSettings::NO_DEPTH.to_owned());
+        }
+        if has_depth(source, &self.dataset) {
             return Ok(());
         }
+        self.predict_all_depth(source)
+    }
+
+    /// As [`Self::settle_depth`] for a stream, whose topics are not known yet: it has no depth if
+    /// [`DatasetSettings::depth`] is `none`.
+    ///
+    /// # Errors
+    /// As [`Self::settle_depth`]; `name` names the stream.
+    pub fn settle_depth_of_stream(&mut self, name: &str) -> Result<(), SettingsError> {
+        if self.dataset.depth.as_deref() == Some(DatasetSettings::NO_DEPTH) {
+            self.predict_all_depth(Path::new(name))?;
+        }
+        Ok(())
+    }
+
+    fn predict_all_depth(&mut self, source: &Path) -> Result<(), SettingsError> {
         if self.depth_predictor.is_none() {
             return Err(SettingsError::NoDepth(DatasetError::NoDepth { path: source.to_owned() }));
         }

@@ -1,5 +1,6 @@
 //! Helpers shared by the tests of the command.
 
+pub mod depth_network;
 pub mod nearly_full;
 
 use assert_cmd::Command;
