@@ -106,13 +106,19 @@ impl SimDepthPredictor {
     }
 
     /// Checks that the scene of [`Self::with_truth`] has the true depth of the frames of `scene`, by their indices: all their
-    /// names, and the size of the first. Reads one frame of each scene. Without such a scene there is nothing to check.
+    /// names, and the size of the first. Reads one frame of each scene. Without such a scene, `scene` itself must have depth.
     ///
     /// # Errors
     /// [`SimulatorError`] names the first frame that does not fit.
     pub fn check_truth(&self, scene: &dyn Scene, frames: &[usize]) -> Result<(), SimulatorError> {
-        let Some(truth) = &self.truth else { return Ok(()) };
         let name_of = |scene: &dyn Scene| scene.name().to_owned();
+        let Some(truth) = &self.truth else {
+            return if scene.has_depth() {
+                Ok(())
+            } else {
+                Err(SimulatorError::NothingToDistort { scene: name_of(scene) })
+            };
+        };
         if !truth.scene.has_depth() {
             return Err(SimulatorError::NoDepthInScene { scene: name_of(truth.scene.as_ref()) });
         }

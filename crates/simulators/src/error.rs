@@ -41,6 +41,12 @@ pub enum SimulatorError {
         /// Name of the frame.
         frame: String,
     },
+    /// The frames have no depth, and no scene with their true depth is given.
+    #[error("{scene} has no depth that could be distorted; true_depth names a scene that has it")]
+    NothingToDistort {
+        /// Name of the scene.
+        scene: String,
+    },
     /// The scene with the true depth has no depth.
     #[error("{scene} has no depth (true_depth)")]
     NoDepthInScene {

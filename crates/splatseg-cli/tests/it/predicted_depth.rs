@@ -197,6 +197,9 @@ fn a_true_depth_that_does_not_fit_is_told_before_the_first_frame() {
             assert!(!out.exists(), "{arguments:?} {scene}");
         }
     }
+    let without_truth = ["run", text(&images), "--out", out_text, "--fx", "70", "--set", "depth_predictor=sim"];
+    assert_refused(&finish(splatseg().args(without_truth)), "has no depth that could be distorted; true_depth names");
+    assert!(!out.exists());
     let first_frames = ["--set", "depth_predictor=sim", "--max-frames", "9", "--set"];
     let truth = "true_depth=synthetic:frames=9,width=64,height=48,objects=6";
     let ended = finish(splatseg().args(commands[0]).args(first_frames).arg(truth));

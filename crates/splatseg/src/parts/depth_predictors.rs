@@ -47,11 +47,12 @@ impl PartSection<dyn DepthPredictor> for SimDepthSettings {
     const FILES: &'static [PartFile] = &[TRUE_DEPTH];
 
     fn build(&self, files: &PartFiles, context: &PartContext<'_>) -> Result<Box<dyn DepthPredictor>, PartError> {
-        let predictor = SimDepthPredictor::new(*self, context.seed);
-        let Some(path) = files.get(&TRUE_DEPTH) else { return Ok(Box::new(predictor)) };
-        let failed = |source| PartError::Other { name: "true_depth".to_owned(), source: Box::new(source) };
-        let truth = open_scene(path, &DatasetSettings::default()).map_err(failed)?;
-        let predictor = predictor.with_truth(truth, context.framing);
+        let mut predictor = SimDepthPredictor::new(*self, context.seed);
+        if let Some(path) = files.get(&TRUE_DEPTH) {
+            let failed = |source| PartError::Other { name: "true_depth".to_owned(), source: Box::new(source) };
+            let truth = open_scene(path, &DatasetSettings::default()).map_err(failed)?;
+            predictor = predictor.with_truth(truth, context.framing);
+        }
         if let Some(scene) = context.scene {
             let frames = context.dataset.selected_frames(scene.frame_count())?;
             predictor.check_truth(scene.as_ref(), &frames)?;
