@@ -5,14 +5,21 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 /// Longest wait before one step: with frames that leave no time between them, work goes on slowly rather than never.
-const MAX_WAIT: Duration = Duration::from_millis(100);
+const MAX_WAIT: Duration = Duration::from_millis(25);
 
 /// The gate. Nothing else is locked while it is waited for, and no wait is longer than [`MAX_WAIT`].
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct FrameGate {
     /// Number of guards that keep it closed.
     closed: Mutex<usize>,
     opened: Condvar,
+    max_wait: Duration,
+}
+
+impl Default for FrameGate {
+    fn default() -> Self {
+        Self { closed: Mutex::new(0), opened: Condvar::new(), max_wait: MAX_WAIT }
+    }
 }
 
 impl FrameGate {
@@ -27,7 +34,7 @@ impl Pacer for FrameGate {
     fn before_step(&self) {
         let closed = self.closed.lock().unwrap_or_else(PoisonError::into_inner);
         // What comes back is the number of guards, which does not matter any more.
-        drop(self.opened.wait_timeout_while(closed, MAX_WAIT, |closed| *closed > 0));
+        drop(self.opened.wait_timeout_while(closed, self.max_wait, |closed| *closed > 0));
     }
 }
 
@@ -50,7 +57,7 @@ mod tests {
 
     #[test]
     fn steps_wait_for_the_last_guard() {
-        let gate = Arc::new(FrameGate::default());
+        let gate = Arc::new(FrameGate { max_wait: Duration::from_secs(3600), ..FrameGate::default() });
         gate.before_step();
         let (first, second) = (FrameGate::close(&gate), FrameGate::close(&gate));
         let (send, received) = channel();
@@ -60,7 +67,7 @@ mod tests {
             send.send(Instant::now()).unwrap();
         });
         drop(first);
-        assert_eq!(received.recv_timeout(MAX_WAIT / 10), Err(RecvTimeoutError::Timeout));
+        assert_eq!(received.recv_timeout(Duration::from_millis(20)), Err(RecvTimeoutError::Timeout));
         let opened = Instant::now();
         drop(second);
         assert!(received.recv().unwrap() >= opened);
