@@ -4,8 +4,9 @@ the kinds of things that `splatseg_training.rooms` furnishes rooms with.
     python -m splatseg_training.room_words --data 'rooms/*' --kinds ../crates/splatseg/tests/data/room_kinds.txt \
         --out ../crates/splatseg/tests/data/room_clip.safetensors
 
-Its layout is that of `words.py`. A room's folder may have the result of `splatseg run ROOM --out ROOM/found`, whose
-segments are learned from too. Rooms with the seeds of test data (below 1000) are refused.
+Its layout is that of `words.py`. With `--found FOUND`, the segments of `splatseg run ROOM --out FOUND/NAME`, where NAME
+is that of the room's folder, are learned from too. Rooms with the seeds of test data (below 1000) are refused. A kind may have several names in
+`objects.json`, all of which are words of one line of the kinds: a standing photo is a picture, too.
 """
 
 import argparse
@@ -26,12 +27,14 @@ from torch.nn import functional
 from . import colour, dataset
 from .words import ANYTHING, Sizes, TinyClip, export, prompt, tokenise
 
-SIZES = Sizes(side=48, patch=12, width=96, blocks=4, text_width=32, embedding=64)
+SIZES = Sizes(side=48, patch=8, width=96, blocks=5, text_width=32, embedding=64)
 # Crops are kept a little larger, so that samples can be cut out of them at random.
 KEPT = 56
 MIN_PIXELS = 60
 # A segment is learned from if this share of its pixels shows one thing.
 MIN_SHARE = 0.5
+# How often a part of a thing is learned from too, as if the rest were another segment, and its least share.
+PART_PROBABILITY, MIN_PART = 0.12, 0.4
 # As in `crates/objects/src/object_view.rs` and `crates/splatseg/src/names/crops.rs`.
 MARGIN, MIN_MARGIN, DIMMED = 0.15, 4, 0.2
 
@@ -72,7 +75,10 @@ def masks_of(view, found, random):
     """Masks of a view, each with the thing that it shows: true ones, those of segments that were found, and a window
     anywhere, which shows nothing in particular, 0."""
     for thing in numpy.unique(view.ids[view.ids > 0]):
-        yield view.ids == thing, thing
+        mask = view.ids == thing
+        yield mask, thing
+        if random.random() < PART_PROBABILITY:
+            yield part_of(mask, random), thing
     if found is not None:
         for segment in numpy.unique(found[found > 0]):
             mask = found == segment
@@ -87,6 +93,17 @@ def masks_of(view, found, random):
     yield window, 0
 
 
+def part_of(mask, random):
+    """The part of a mask on one side of a line."""
+    rows, columns = numpy.nonzero(mask)
+    angle = random.uniform(0, 2 * numpy.pi)
+    along = numpy.cos(angle) * columns + numpy.sin(angle) * rows
+    part = numpy.zeros_like(mask)
+    beyond = along > numpy.quantile(along, 1 - random.uniform(MIN_PART, 0.9))
+    part[rows[beyond], columns[beyond]] = True
+    return part
+
+
 def painted(view, kinds, palette, random):
     """A view without colour in the colours that things of these kinds have elsewhere."""
     colours = numpy.zeros((int(view.ids.max()) + 1, 3))
@@ -96,9 +113,10 @@ def painted(view, kinds, palette, random):
     return colour.shaded(view.depth / numpy.float32(1000), colours[view.ids], view.camera, random)
 
 
-def read_crops(folders, kinds, random):
-    """The crops of all views of rooms. Things of other kinds than `kinds` are left out."""
-    numbers = {words[0]: number for number, words in enumerate(kinds)}
+def read_crops(folders, found_in, kinds, random):
+    """The crops of all views of rooms, by their true masks and by the segments in `found_in`. Things of other kinds than
+    `kinds` are left out."""
+    numbers = {word: number for number, words in enumerate(kinds) for word in words}
     images, masks, chosen, things = [], [], [], []
     # Mean colours of things of each kind, for views without colour.
     palette = defaultdict(list)
@@ -106,7 +124,7 @@ def read_crops(folders, kinds, random):
         description = json.loads((folder / "objects.json").read_text())
         if description["seed"] < 1000:
             raise ValueError(f"{folder}: seed {description['seed']} is one of a room for tests")
-        found = sorted((folder / "found" / "segments").glob("*.png"))
+        found = sorted((found_in / folder.name / "segments").glob("*.png")) if found_in else []
         for place, (_, view) in enumerate(dataset.read_folder(folder)):
             seen = view.colour
             if seen is None:
@@ -125,7 +143,7 @@ def read_crops(folders, kinds, random):
                 things.append((description["seed"], int(thing)))
     views = Counter(things)
     of_kinds = Counter(kind for (_, kind) in set(zip(things, chosen, strict=True)))
-    weights = [(views[thing] * of_kinds[kind]) ** -0.5 for thing, kind in zip(things, chosen, strict=True)]
+    weights = [views[thing] ** -0.5 * of_kinds[kind] ** -0.3 for thing, kind in zip(things, chosen, strict=True)]
     return Crops(numpy.stack(images), numpy.stack(masks), torch.tensor(chosen), numpy.array(weights) / sum(weights))
 
 
@@ -194,6 +212,7 @@ def train(crops, held_out, kinds, arguments):
     used, rows, ends = tokenise([prompt(word) for word in words])
     model = TinyClip(len(used), SIZES)
     print(f"{sum(parameter.numel() for parameter in model.parameters())} parameters", flush=True)
+    begin(model)
     targets = torch.randn(len(kinds) + 1, SIZES.embedding)
     if arguments.start:
         state = load_file(arguments.start)
@@ -212,6 +231,34 @@ def train(crops, held_out, kinds, arguments):
     return model, used
 
 
+def begin(model):
+    """Begins with tokens that know their places (sines of column and row), and with attention to tokens alike and away from
+    the own value, as trained networks have it (Trockman and Kolter 2023): fewer samples are needed."""
+    visual, grid, width = model.visual, SIZES.side // SIZES.patch, SIZES.width
+    with torch.no_grad():
+        place = torch.stack(torch.meshgrid(torch.arange(grid), torch.arange(grid), indexing="ij"), -1).reshape(-1, 2, 1)
+        angles = place / 100.0 ** (torch.arange(width // 4) / (width // 4))
+        sines = torch.cat([angles.sin(), angles.cos()], -1).reshape(-1, width)
+        visual.positional_embedding[1:] = 0.5 * sines
+        for block in visual.transformer["resblocks"]:
+            attention, head = block.attn, width // block.attn.num_heads
+            for start in range(0, width, head):
+                similar = 0.7 * torch.randn(width, width) / width**0.5 + 0.7 * torch.eye(width)
+                left, sizes, right = torch.linalg.svd(similar)
+                root = sizes[:head].sqrt()
+                attention.in_proj_weight[start : start + head] = (left[:, :head] * root).T
+                attention.in_proj_weight[width + start : width + start + head] = root[:, None] * right[:head]
+            through = 0.4 * torch.randn(width, width) / width**0.5 - 0.4 * torch.eye(width)
+            left, sizes, right = torch.linalg.svd(through)
+            attention.out_proj.weight.copy_(left * sizes.sqrt())
+            attention.in_proj_weight[2 * width :] = sizes.sqrt()[:, None] * right
+
+
+def progress(step, began, arguments):
+    """How much of the training is done, 0 to 1, by steps or by the clock."""
+    return (time.time() - began) / (60 * arguments.minutes) if arguments.minutes else step / arguments.steps
+
+
 def train_images(model, targets, crops, held_out, random, arguments):
     # Muon learns from fewer samples, but is only for the matrices between tokens.
     matrices = [one for one in model.visual.transformer.parameters() if one.ndim == 2]
@@ -223,9 +270,8 @@ def train_images(model, targets, crops, held_out, random, arguments):
     ]
     rates = [group["lr"] for optimiser in optimisers for group in optimiser.param_groups]
     kinds = len(targets) - 1
-    started, correct = time.process_time(), 0.0
-    for step in range(arguments.steps):
-        share = step / arguments.steps
+    began, started, correct, step = time.time(), time.process_time(), 0.0, 0
+    while (share := progress(step, began, arguments)) < 1:
         for optimiser, rate in zip(optimisers, rates, strict=True):
             for group in optimiser.param_groups:
                 group["lr"] = rate * min(1, (step + 1) / 100) * 0.5 * (1 + numpy.cos(numpy.pi * share))
@@ -243,10 +289,11 @@ def train_images(model, targets, crops, held_out, random, arguments):
         for optimiser in optimisers:
             optimiser.step()
         correct += 0.01 * ((fit.argmax(1) == right).float().mean().item() - correct)
-        if step % 200 == 199:
+        step += 1
+        if step % 200 == 0:
             spent = time.process_time() - started
-            print(f"step {step + 1}, {spent:.0f} s: {loss.item():.3f}, {correct:.3f} right", flush=True)
-        if step % 1000 == 999 or step + 1 == arguments.steps:
+            print(f"step {step}, {spent:.0f} s, {share:.2f}: {loss.item():.3f}, {correct:.3f} right", flush=True)
+        if step % 2000 == 0 or progress(step, began, arguments) >= 1:
             report(model, held_out, functional.normalize(targets[:kinds], dim=-1))
 
 
@@ -290,9 +337,11 @@ def main():
     parser.add_argument(
         "--kinds", type=Path, required=True, help="file with a kind in each line, and other words for it"
     )
+    parser.add_argument("--found", type=Path, help="folder with the results of `splatseg run` by the names of rooms")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--start", type=Path, help="network of an earlier run, to go on from")
-    parser.add_argument("--steps", type=int, default=3000)
+    parser.add_argument("--steps", type=int, default=9000)
+    parser.add_argument("--minutes", type=float, help="instead of a number of steps")
     parser.add_argument("--batch", type=int, default=48)
     parser.add_argument("--rate", type=float, default=2e-3, help="largest learning rate")
     parser.add_argument("--matrix-rate", type=float, default=0.02, help="that of the matrices of transformers")
@@ -308,10 +357,10 @@ def main():
     seeds = {folder: json.loads((Path(folder) / "objects.json").read_text())["seed"] for folder in folders}
     is_held_out = {folder: arguments.held_out[0] <= seed <= arguments.held_out[1] for folder, seed in seeds.items()}
     random = numpy.random.default_rng(arguments.seed)
-    crops = read_crops([folder for folder in folders if not is_held_out[folder]], kinds, random)
+    crops = read_crops([folder for folder in folders if not is_held_out[folder]], arguments.found, kinds, random)
     held_out = Crops(numpy.empty(0), numpy.empty(0), torch.empty(0, dtype=torch.long), numpy.empty(0))
     if any(is_held_out.values()):
-        held_out = read_crops([folder for folder in folders if is_held_out[folder]], kinds, random)
+        held_out = read_crops([folder for folder in folders if is_held_out[folder]], arguments.found, kinds, random)
     print(f"{len(folders)} rooms, {len(crops.images)} crops to learn from, {len(held_out.images)} held out", flush=True)
     model, used = train(crops, held_out, kinds, arguments)
     export(model, used, arguments.out)

@@ -309,3 +309,22 @@ def test_kinds_are_guessed_from_names(name, kind):
 @pytest.mark.parametrize("name", ["aws_Sofa_01_collision", "Door_Double", "Window_Small1", "Light_Ceiling1"])
 def test_parts_of_buildings_are_not_used(name):
     assert guess(name) is None
+
+
+def test_quick_colours_are_those_of_the_same_surfaces(tmp_path):
+    pytest.importorskip("embreex", reason="--quick needs: pip install embreex")
+    common = ["--seed", "5002", "--frames", "2", "--views", "scattered", "--width", "160", "--height", "120"]
+    main([*common, "--quick", "--out", str(tmp_path / "quick")])
+    main([*common, "--samples", "8", "--out", str(tmp_path / "slow")])
+    for number in range(2):
+        quick, slow = (read(tmp_path / name, number) for name in ("quick", "slow"))
+        assert (quick[2] == slow[2]).all()
+        assert (np.abs(quick[0] - slow[0]) <= 0.0011).mean() > 0.995 and (quick[1] == slow[1]).mean() > 0.995
+        images = [
+            np.asarray(Image.open(tmp_path / name / "color" / f"{number}.jpg"), float) for name in ("quick", "slow")
+        ]
+        # The mean colours of things agree: both renderers have the same materials and lights.
+        things = [thing for thing in np.unique(slow[1]) if (slow[1] == thing).sum() > 100]
+        means = [[image[slow[1] == thing].mean(0) for thing in things] for image in images]
+        assert len(things) > 3 and np.median(np.abs(np.subtract(*means)).max(1)) < 40
+        assert np.corrcoef(np.ravel(means[0]), np.ravel(means[1]))[0, 1] > 0.9

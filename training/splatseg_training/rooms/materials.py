@@ -20,6 +20,20 @@ class Pattern(NamedTuple):
 PLAIN = Pattern()
 
 
+class Recipe(NamedTuple):
+    """What a material was made of, for `quick.py`: see `Paint.material`."""
+
+    texture: str
+    colours: tuple  # two
+    scale: tuple  # repeats per metre along the axes
+    turn: float
+    location: tuple
+    rough: float
+    metal: float
+    glow: float
+    pixels: np.ndarray | str | None
+
+
 def pooled(most):
     """Decorator: a room reuses at most `most` materials of a kind, so that its furniture matches."""
 
@@ -39,11 +53,12 @@ def pooled(most):
 class Paint:
     """A room's random numbers, colours and materials.
 
-    `glow` lists (strength input, strength) of the emitters, which are scaled once the exposure is known.
+    `glow` lists (strength input, strength) of the emitters, which are scaled once the exposure is known. `recipes` has each
+    material's Recipe by its name.
     """
 
     def __init__(self, rng):
-        self.rng, self.glow, self.pools = rng, [], {}
+        self.rng, self.glow, self.pools, self.recipes = rng, [], {}, {}
 
     def uniform(self, low, high):
         return float(self.rng.uniform(low, high))
@@ -76,6 +91,9 @@ class Paint:
         strength = shader.finish(colour, output, rough, metal, glow)
         if strength:
             self.glow.append((strength, glow))
+        colours = (tuple(colour), tuple(second))
+        recipe = Recipe(texture, colours, scale, pattern.turn, location, rough, metal, glow, pixels)
+        self.recipes[shader.material.name] = recipe
         return shader.material
 
     def _texture(self, shader, texture, at, colour, second, pixels):

@@ -19,6 +19,18 @@ from .materials import Paint
 LIFT = 0.0008  # gap between a thing and the surface below, so that rays do not hit both
 
 
+class Light(NamedTuple):
+    """An invisible light, as given to `Room.light`."""
+
+    kind: str
+    position: tuple
+    watts: float
+    colour: tuple
+    size: float
+    aim: tuple
+    height: float
+
+
 class Placed(NamedTuple):
     """A thing at a position in the room; (x, y, z) is the centre of its bottom."""
 
@@ -69,6 +81,7 @@ class Room:
         self.names, self.triangles, self.ids, self.models, self.used = [], [], [], {}, {}
         self.footprints, self.kept_clear = [], []  # rectangles of the floor: occupied, kept free
         self.wall_uses = [[], [], [], []]  # (start, end, bottom, top) on each wall
+        self.placed, self.lights = [], []
         self.surfaces = []  # (placed, number of the surface, kind of things for it), still to be filled
         self.imported = 0
         self.target = int(self.rng.integers(62, 91))
@@ -101,10 +114,12 @@ class Room:
             self.footprints.append((x, y, yaw, thing.width / 2, thing.depth / 2))
         for position, watts, colour, radius in thing.lights:
             self.light("POINT", rotation("Z", yaw) @ position + [x, y, z], watts, colour, radius)
-        return Placed(thing, x, y, z, yaw, item)
+        self.placed.append(Placed(thing, x, y, z, yaw, item))
+        return self.placed[-1]
 
     def light(self, kind, position, watts, colour, size, aim=(0, 0, -1), height=None):
         """Adds an invisible light; `size` is a "POINT"'s radius, an "AREA"'s width, a "SUN"'s angle."""
+        self.lights.append(Light(kind, tuple(position), watts, colour, size, tuple(aim), height or size))
         light = bpy.data.lights.new("light", kind)
         light.energy, light.color = watts, colour
         if kind == "POINT":

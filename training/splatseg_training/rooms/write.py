@@ -27,6 +27,7 @@ class Settings(NamedTuple):
     rate: float | None = None
     camera: Camera = Camera(320, 240)
     colour: bool = True
+    quick: bool = False  # colours by `quick.py`
     sensor_noise: bool = False
     mesh: bool = False
     quality: Quality = Quality(6, 1)
@@ -98,6 +99,14 @@ def write_mesh(path, triangles, ids):
         file.write(header.encode() + vertices.tobytes() + faces.tobytes())
 
 
+def _renderer(room, settings, rng):
+    if not settings.quick:
+        return Renderer(room, settings.camera, settings.quality)
+    from .quick import QuickRenderer  # which needs embreex
+
+    return QuickRenderer(room, settings.camera, rng)
+
+
 def _write_frames(folder, room, poses, seed, settings):
     """Writes cameras and frames; returns the largest area of each id in any frame, pixels."""
     kinds = ["color", "depth"] if settings.colour else ["depth"]
@@ -108,14 +117,14 @@ def _write_frames(folder, room, poses, seed, settings):
         np.savetxt(os.path.join(path, f"intrinsic_{kind}.txt"), settings.camera.matrix, "%.6f")
         np.savetxt(os.path.join(path, f"extrinsic_{kind}.txt"), np.eye(4), "%.6f")
     rng, largest = np.random.default_rng([seed, 7]), {}
-    if settings.colour:
-        renderer = Renderer(room, settings.camera, settings.quality)
+    renderer = _renderer(room, settings, rng) if settings.colour else None
+    if renderer:
         renderer.expose(poses[:: max(1, len(poses) // 6)])
     for number, pose in enumerate(poses):
-        if settings.colour:
+        if renderer:
             image = Image.fromarray(renderer.colours(pose, rng))
             image.save(os.path.join(folder, "color", f"{number}.jpg"), quality=92)
-        view = room.caster.cast(pose, settings.camera)
+        view = renderer.view(pose) if settings.quick else room.caster.cast(pose, settings.camera)
         z = view.depth
         if settings.sensor_noise:
             z = sensor_noise(view, room.caster, pose, settings.camera, rng)

@@ -1,6 +1,7 @@
 //! Attention pooling of a Perception Encoder: one learned query attends to all tokens of the image.
 
 use super::ClipError;
+use super::pacing::{Pace, part};
 use crate::transformer::{LayerReader, Norm};
 use splatseg_kernels::Activation;
 use splatseg_kernels::attention::{HeadRows, multi_head_attention};
@@ -34,9 +35,11 @@ impl AttentionPooling {
     }
 
     /// `tokens` `[images, count, width]` to `[images, width]`.
-    pub fn forward(&self, tokens: &[f32], count: usize) -> Vec<f32> {
+    pub fn forward(&self, tokens: &[f32], count: usize, pace: Pace<'_>) -> Vec<f32> {
         let width = self.query.len();
-        let rows = self.key_value.forward(tokens);
+        let shape = [tokens.len() / width, width];
+        let rows = pace.rows(shape, |range| self.key_value.forward(part(tokens, width, range)));
+        pace.wait();
         let head_rows = |data, count, stride| HeadRows { data, count, width: width / self.heads, stride };
         let problems: Vec<[HeadRows<'_>; 3]> = rows
             .chunks_exact(count * 2 * width)

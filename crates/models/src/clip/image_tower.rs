@@ -2,8 +2,9 @@
 
 use super::attention_pooling::AttentionPooling;
 use super::layout::{self, ClipLayout};
+use super::pacing::{Pace, part};
 use super::{ClipConfig, ClipError, rotary};
-use crate::transformer::{Block, BlockNames, LayerReader, Norm, full_attention};
+use crate::transformer::{Block, BlockNames, LayerReader, Norm, full_attention, head_attention};
 use splatseg_geometry::CowImage;
 use splatseg_kernels::Instructions;
 use splatseg_kernels::gemm::PackedLinear;
@@ -87,22 +88,26 @@ impl ImageTower {
     }
 
     /// Images of the network's size to `[images, embedding]`, not normalised.
-    pub fn forward(&self, images: &[CowImage<'_, [u8; 3]>], config: &ClipConfig) -> Vec<f32> {
+    pub fn forward(&self, images: &[CowImage<'_, [u8; 3]>], config: &ClipConfig, pace: Pace<'_>) -> Vec<f32> {
         let (width, count) = (self.class.len(), config.grid() * config.grid() + 1);
-        let mut tokens = self.tokens(images, config);
+        let mut tokens = self.tokens(images, config, pace);
         self.norm_before.layer().apply_parallel(&mut tokens);
+        let shape = [images.len() * count, width];
         for block in &self.blocks {
-            let mut rows = block.query_key_value(&tokens);
+            let mut rows = pace.rows(shape, |range| block.query_key_value(part(&tokens, width, range)));
             if let Some(angles) = &self.angles {
+                pace.wait();
                 rotary::turn(&mut rows, width, block.heads, angles);
             }
-            let attended = full_attention(&rows, [count, width], block.heads);
-            tokens = block.finish(&tokens, &attended);
+            let attended = attention(&rows, [count, width], block.heads, pace);
+            tokens = pace
+                .rows(shape, |range| block.finish(part(&tokens, width, range.clone()), part(&attended, width, range)));
         }
+        pace.wait();
         let mut pooled = match &self.pooling {
             Some(pooling) => {
                 self.norm_after.layer().apply_parallel(&mut tokens);
-                pooling.forward(&tokens, count)
+                pooling.forward(&tokens, count, pace)
             }
             None => tokens.chunks_exact(count * width).flat_map(|image| image[..width].iter().copied()).collect(),
         };
@@ -113,9 +118,13 @@ impl ImageTower {
     }
 
     /// The class token and the patches of each image, with their positions: `[images, 1 + patches, width]`.
-    fn tokens(&self, images: &[CowImage<'_, [u8; 3]>], config: &ClipConfig) -> Vec<f32> {
+    fn tokens(&self, images: &[CowImage<'_, [u8; 3]>], config: &ClipConfig, pace: Pace<'_>) -> Vec<f32> {
         let width = self.class.len();
-        let embedded = self.patches.forward(&patches_of(images, config));
+        pace.wait();
+        let patches = patches_of(images, config);
+        let inputs = self.patches.dims()[0];
+        let count = images.len() * config.grid() * config.grid();
+        let embedded = pace.rows([count, width], |range| self.patches.forward(part(&patches, inputs, range)));
         let per_image = config.grid() * config.grid() * width;
         let mut tokens = Vec::with_capacity(images.len() * (per_image + width));
         for image in embedded.chunks_exact(per_image) {
@@ -124,6 +133,23 @@ impl ImageTower {
         }
         tokens
     }
+}
+
+/// Attention within each image, `[images, count, 3 · width]` to `[images, count, width]`; in steps, one head after the other.
+fn attention(rows: &[f32], [count, width]: [usize; 2], heads: usize, pace: Pace<'_>) -> Vec<f32> {
+    if matches!(pace, Pace::AtOnce) {
+        return full_attention(rows, [count, width], heads);
+    }
+    let head_width = width / heads;
+    let mut attended = vec![0.0; rows.len() / 3];
+    for head in 0..heads {
+        pace.wait();
+        let values = head_attention(rows, [count, width], heads, head);
+        for (row, values) in attended.chunks_exact_mut(width).zip(values.chunks_exact(head_width)) {
+            row[head * head_width..][..head_width].copy_from_slice(values);
+        }
+    }
+    attended
 }
 
 /// The normalised patches of all images, `[images · patches, patch, patch, 3]`.

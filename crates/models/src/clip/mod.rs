@@ -6,6 +6,7 @@
 //! | `config.rs` | the sizes of both towers, from the shapes and from a `config.json` beside the checkpoint |
 //! | `image_tower.rs`, `attention_pooling.rs`, `rotary.rs` | image to vector |
 //! | `text_tower.rs`, `causal_attention.rs`, `tokenizer.rs` | text to vector |
+//! | `pacing.rs` | networks that rest between short steps |
 //!
 //! The blocks of both towers are those of `transformer/`.
 //!
@@ -19,6 +20,7 @@ mod error;
 mod image_tower;
 mod layout;
 mod network;
+mod pacing;
 mod rotary;
 mod text_tower;
 mod tokenizer;
@@ -28,4 +30,5 @@ pub use config::ClipConfig;
 pub use error::ClipError;
 pub use layout::ClipLayout;
 pub use network::ClipNetwork;
+pub use pacing::Pacer;
 pub use tokenizer::{ClipTokenizer, TokenizerError};

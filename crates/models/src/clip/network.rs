@@ -1,6 +1,7 @@
 //! A CLIP network with both towers.
 
 use super::image_tower::ImageTower;
+use super::pacing::{Pace, Pacer};
 use super::text_tower::TextTower;
 use super::{ClipConfig, ClipError, ClipTokenizer};
 use crate::checkpoint::{Checkpoint, Format};
@@ -11,6 +12,9 @@ use std::path::{Path, PathBuf};
 /// Images that pass through the network at once, and texts: enough for all threads, without much memory.
 const IMAGES_AT_ONCE: usize = 4;
 const TEXTS_AT_ONCE: usize = 64;
+/// The same in steps.
+const IMAGES_IN_STEPS: usize = 1;
+const TEXTS_IN_STEPS: usize = 4;
 
 /// Factor of similarities in a checkpoint that does not tell it, and the largest one.
 const USUAL_SCALE: f32 = 100.0;
@@ -82,6 +86,22 @@ impl ClipNetwork {
     /// # Errors
     /// [`ClipError::Size`] if an image does not have the network's size, [`ClipError::NotFinite`].
     pub fn embed_images(&self, images: &[CowImage<'_, [u8; 3]>]) -> Result<Vec<Vec<f32>>, ClipError> {
+        self.images(images, Pace::AtOnce)
+    }
+
+    /// [`Self::embed_images`] in steps, with the same results.
+    ///
+    /// # Errors
+    /// As [`Self::embed_images`].
+    pub fn embed_images_in_steps(
+        &self,
+        images: &[CowImage<'_, [u8; 3]>],
+        pacer: &dyn Pacer,
+    ) -> Result<Vec<Vec<f32>>, ClipError> {
+        self.images(images, Pace::InSteps(pacer))
+    }
+
+    fn images(&self, images: &[CowImage<'_, [u8; 3]>], pace: Pace<'_>) -> Result<Vec<Vec<f32>>, ClipError> {
         let side = self.config.image_size;
         if let Some(other) = images.iter().find(|image| image.size() != (side, side)) {
             return Err(ClipError::Size {
@@ -92,8 +112,8 @@ impl ClipNetwork {
             });
         }
         let mut embeddings = Vec::with_capacity(images.len());
-        for images in images.chunks(IMAGES_AT_ONCE) {
-            embeddings.extend(self.normalised(&self.image.forward(images, &self.config), "an image")?);
+        for images in images.chunks(pace.together(IMAGES_AT_ONCE, IMAGES_IN_STEPS)) {
+            embeddings.extend(self.normalised(&self.image.forward(images, &self.config, pace), "an image")?);
         }
         Ok(embeddings)
     }
@@ -103,11 +123,27 @@ impl ClipNetwork {
     /// # Errors
     /// [`ClipError::NotFinite`].
     pub fn embed_texts<T: AsRef<str>>(&self, texts: &[T]) -> Result<Vec<Vec<f32>>, ClipError> {
+        self.texts(texts, Pace::AtOnce)
+    }
+
+    /// [`Self::embed_texts`] in steps, with the same results.
+    ///
+    /// # Errors
+    /// As [`Self::embed_texts`].
+    pub fn embed_texts_in_steps<T: AsRef<str>>(
+        &self,
+        texts: &[T],
+        pacer: &dyn Pacer,
+    ) -> Result<Vec<Vec<f32>>, ClipError> {
+        self.texts(texts, Pace::InSteps(pacer))
+    }
+
+    fn texts<T: AsRef<str>>(&self, texts: &[T], pace: Pace<'_>) -> Result<Vec<Vec<f32>>, ClipError> {
         let mut embeddings = Vec::with_capacity(texts.len());
-        for texts in texts.chunks(TEXTS_AT_ONCE) {
+        for texts in texts.chunks(pace.together(TEXTS_AT_ONCE, TEXTS_IN_STEPS)) {
             let tokens = |text: &T| self.tokenizer.tokens(text.as_ref(), self.config.context);
             let tokens: Vec<Vec<u32>> = texts.iter().map(tokens).collect();
-            embeddings.extend(self.normalised(&self.text.forward(&tokens), "a text")?);
+            embeddings.extend(self.normalised(&self.text.forward(&tokens, pace), "a text")?);
         }
         Ok(embeddings)
     }

@@ -3,6 +3,7 @@
 use super::causal_attention::causal_attention;
 use super::image_tower::open_clip_projection;
 use super::layout::{self, ClipLayout};
+use super::pacing::{Pace, part};
 use super::{ClipConfig, ClipError, ClipTokenizer};
 use crate::transformer::{Block, LayerReader, Norm};
 use splatseg_kernels::gemm::PackedLinear;
@@ -48,7 +49,7 @@ impl TextTower {
 
     /// Token ids of texts, each with start and end and at most the context long, to `[texts, embedding]`, not
     /// normalised. What would follow the end is left out: no token before it sees it.
-    pub fn forward(&self, texts: &[Vec<u32>]) -> Vec<f32> {
+    pub fn forward(&self, texts: &[Vec<u32>], pace: Pace<'_>) -> Vec<f32> {
         let width = self.width;
         let mut ranges: Vec<Range<usize>> = Vec::with_capacity(texts.len());
         let mut tokens = Vec::new();
@@ -60,11 +61,14 @@ impl TextTower {
                 tokens.extend(embedding.iter().zip(positions).map(|(value, position)| value + position));
             }
         }
+        let shape = [tokens.len() / width, width];
         for block in &self.blocks {
-            let rows = block.query_key_value(&tokens);
+            let rows = pace.rows(shape, |range| block.query_key_value(part(&tokens, width, range)));
             let attended = causal_attention(&rows, width, block.heads, &ranges);
-            tokens = block.finish(&tokens, &attended);
+            tokens = pace
+                .rows(shape, |range| block.finish(part(&tokens, width, range.clone()), part(&attended, width, range)));
         }
+        pace.wait();
         let last = ranges.iter().map(|range| &tokens[(range.end - 1) * width..range.end * width]);
         let mut last: Vec<f32> = last.flatten().copied().collect();
         self.norm.layer().apply(&mut last);

@@ -54,16 +54,25 @@ impl Block {
 /// Attention of every token to all tokens of its image. `rows` is `[images, count, 3 · width]`; returns
 /// `[images, count, width]`.
 pub(crate) fn full_attention(rows: &[f32], [count, width]: [usize; 2], heads: usize) -> Vec<f32> {
-    let problems: Vec<[HeadRows<'_>; 3]> = rows
-        .chunks_exact(count * 3 * width)
+    multi_head_attention(&problems(rows, [count, width], heads, 0), heads, None)
+}
+
+/// [`full_attention`] of one head: `[images, count, width / heads]`.
+pub(crate) fn head_attention(rows: &[f32], [count, width]: [usize; 2], heads: usize, head: usize) -> Vec<f32> {
+    multi_head_attention(&problems(rows, [count, width], heads, head), 1, None)
+}
+
+/// Queries, keys and values of each image, from a head on.
+fn problems(rows: &[f32], [count, width]: [usize; 2], heads: usize, first: usize) -> Vec<[HeadRows<'_>; 3]> {
+    let head_width = width / heads;
+    rows.chunks_exact(count * 3 * width)
         .map(|image| {
             [0, width, 2 * width].map(|start| HeadRows {
-                data: &image[start..],
+                data: &image[start + first * head_width..],
                 count,
-                width: width / heads,
+                width: head_width,
                 stride: 3 * width,
             })
         })
-        .collect();
-    multi_head_attention(&problems, heads, None)
+        .collect()
 }

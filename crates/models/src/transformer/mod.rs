@@ -10,7 +10,7 @@ mod block;
 mod block_names;
 mod layer_reader;
 
-pub(crate) use block::{Block, Norm, full_attention};
+pub(crate) use block::{Block, Norm, full_attention, head_attention};
 pub(crate) use block_names::{BlockNames, QueryKeyValue};
 pub(crate) use layer_reader::{LayerReader, packed};
 

@@ -5,8 +5,9 @@ use crate::sam2_golden::{fnv1a64, uniform};
 use safetensors::tensor::{Dtype, TensorView, serialize_to_file};
 use serde_json::Value;
 use splatseg_geometry::Image;
-use splatseg_models::clip::{ClipError, ClipLayout, ClipNetwork, ClipTokenizer};
+use splatseg_models::clip::{ClipError, ClipLayout, ClipNetwork, ClipTokenizer, Pacer};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
 use tempfile::TempDir;
 
 fn data(name: &str) -> PathBuf {
@@ -197,6 +198,73 @@ fn embeddings_do_not_depend_on_threads_or_neighbours() {
     assert!(all.0[1..2] == run(2, &images[1..2]).0[..]);
     let small = Image::filled(8, 8, [0; 3]);
     assert!(matches!(network.embed_images(&[small]), Err(ClipError::Size { .. })));
+}
+
+/// Counts steps.
+#[derive(Default)]
+struct Steps(AtomicUsize);
+
+impl Pacer for Steps {
+    fn before_step(&self) {
+        self.0.fetch_add(1, Ordering::Relaxed);
+    }
+}
+
+/// A network of OpenCLIP's layout whose images are so large that a layer takes several steps.
+fn wide_network() -> Miniature {
+    let (width, side, text) = (256, 224 / 16, 64);
+    let mut shapes = vec![
+        ("visual.conv1.weight".to_owned(), vec![width, 3, 16, 16]),
+        ("visual.class_embedding".to_owned(), vec![width]),
+        ("visual.positional_embedding".to_owned(), vec![side * side + 1, width]),
+        ("visual.proj".to_owned(), vec![width, 32]),
+        ("token_embedding.weight".to_owned(), vec![ClipTokenizer::TOKENS, text]),
+        ("positional_embedding".to_owned(), vec![16, text]),
+        ("text_projection".to_owned(), vec![text, 32]),
+    ];
+    for (name, width) in [("visual.ln_pre", width), ("visual.ln_post", width), ("ln_final", text)] {
+        shapes.extend(["weight", "bias"].map(|part| (format!("{name}.{part}"), vec![width])));
+    }
+    for (prefix, width) in [("visual.", width), ("", text)] {
+        let layers = [
+            ("ln_1.weight", vec![width]),
+            ("ln_1.bias", vec![width]),
+            ("attn.in_proj_weight", vec![3 * width, width]),
+            ("attn.in_proj_bias", vec![3 * width]),
+            ("attn.out_proj.weight", vec![width, width]),
+            ("attn.out_proj.bias", vec![width]),
+            ("ln_2.weight", vec![width]),
+            ("ln_2.bias", vec![width]),
+            ("mlp.c_fc.weight", vec![4 * width, width]),
+            ("mlp.c_fc.bias", vec![4 * width]),
+            ("mlp.c_proj.weight", vec![width, 4 * width]),
+            ("mlp.c_proj.bias", vec![width]),
+        ];
+        shapes.extend(layers.map(|(name, shape)| (format!("{prefix}transformer.resblocks.0.{name}"), shape)));
+    }
+    let tensor = |(name, shape): (String, Vec<usize>)| {
+        let bytes = formula(&name, &shape).iter().flat_map(|value| value.to_le_bytes()).collect();
+        (name, shape, bytes)
+    };
+    let tensors = shapes.into_iter().map(tensor).collect();
+    Miniature { folder: tempfile::tempdir().unwrap(), reference: Value::Null, tensors }
+}
+
+#[test]
+fn embeddings_in_steps_are_the_same_bytes() {
+    let names = ["open_clip.json", "hugging_face.json", "perception_encoder.json"];
+    let networks = names.map(Miniature::new).into_iter().chain([wide_network()]);
+    for (miniature, few) in networks.zip([10, 10, 10, 30]) {
+        let network = miniature.open().unwrap();
+        let images = images(network.config().image_size);
+        let texts: Vec<String> = (0..9).map(|index| "a mug ".repeat(index)).collect();
+        let steps = Steps::default();
+        assert!(network.embed_images(&images).unwrap() == network.embed_images_in_steps(&images, &steps).unwrap());
+        let of_images = steps.0.swap(0, Ordering::Relaxed);
+        assert!(of_images >= few, "{of_images}");
+        assert!(network.embed_texts(&texts).unwrap() == network.embed_texts_in_steps(&texts, &steps).unwrap());
+        assert!(steps.0.into_inner() >= 6);
+    }
 }
 
 /// Missing tensors and other shapes give one error each, and never a panic.

@@ -3,8 +3,8 @@
 use super::crops::crops;
 use super::label_choice::LabelChoice;
 use super::vocabulary::{Vocabulary, VocabularyError};
-use splatseg_geometry::SegmentId;
-use splatseg_models::clip::{ClipError, ClipNetwork};
+use splatseg_geometry::{Image, SegmentId};
+use splatseg_models::clip::{ClipError, ClipNetwork, Pacer};
 use splatseg_objects::{NameError, ObjectName, ObjectNames, ObjectView};
 use std::path::Path;
 use std::sync::OnceLock;
@@ -87,9 +87,27 @@ impl ClipNames {
     /// # Errors
     /// [`ClipError::NotFinite`].
     pub fn embed_views(&self, views: &[(&ObjectView, f64)]) -> Result<Vec<f32>, ClipError> {
+        let (seen, weights) = self.images_of_views(views, || {});
+        let embeddings = self.network.embed_images(&seen)?;
+        Ok(weighted_mean(embeddings.iter().map(Vec::as_slice).zip(weights)))
+    }
+
+    /// [`Self::embed_views`] in steps of a few milliseconds, with the same result.
+    ///
+    /// # Errors
+    /// As [`Self::embed_views`].
+    pub fn embed_views_in_steps(&self, views: &[(&ObjectView, f64)], pacer: &dyn Pacer) -> Result<Vec<f32>, ClipError> {
+        let (seen, weights) = self.images_of_views(views, || pacer.before_step());
+        let embeddings = self.network.embed_images_in_steps(&seen, pacer)?;
+        Ok(weighted_mean(embeddings.iter().map(Vec::as_slice).zip(weights)))
+    }
+
+    /// What the network sees of views, each image with its weight. `before_view` is called before each.
+    fn images_of_views(&self, views: &[(&ObjectView, f64)], before_view: impl Fn()) -> (Vec<Image<[u8; 3]>>, Vec<f64>) {
         let side = self.network.config().image_size;
         let (mut seen, mut weights) = (Vec::new(), Vec::new());
         for (view, weight) in views {
+            before_view();
             let [whole, dimmed] = crops(view, side);
             if seen.is_empty() {
                 seen.extend([whole, dimmed]);
@@ -99,8 +117,7 @@ impl ClipNames {
                 weights.push(*weight);
             }
         }
-        let embeddings = self.network.embed_images(&seen)?;
-        Ok(weighted_mean(embeddings.iter().map(Vec::as_slice).zip(weights)))
+        (seen, weights)
     }
 
     /// The embedding of a text, to be compared with those of objects.
@@ -174,12 +191,35 @@ impl ClipNames {
         if let Some(known) = self.embeddings.get() {
             return Ok(known);
         }
-        let prompts: Vec<String> = self.vocabulary.words().flatten().map(|word| prompt(word)).collect();
-        let mut embeddings = self.network.embed_texts(&prompts)?.into_iter();
+        let embeddings = self.network.embed_texts(&self.prompts())?;
+        Ok(self.embeddings.get_or_init(|| self.grouped(embeddings)))
+    }
+
+    /// Computes the words' embeddings, unless they are known, in steps of a few milliseconds.
+    ///
+    /// # Errors
+    /// [`ClipError::NotFinite`].
+    pub fn prepare_words_in_steps(&self, pacer: &dyn Pacer) -> Result<(), ClipError> {
+        if self.embeddings.get().is_none() {
+            let embeddings = self.network.embed_texts_in_steps(&self.prompts(), pacer)?;
+            self.embeddings.get_or_init(|| self.grouped(embeddings));
+        }
+        Ok(())
+    }
+
+    /// The sentences of all words of the vocabulary, then of those for anything.
+    fn prompts(&self) -> Vec<String> {
+        let words = self.vocabulary.words().flatten().map(String::as_str);
+        words.chain(ANYTHING).map(prompt).collect()
+    }
+
+    /// Embeddings of [`Self::prompts`] by label.
+    fn grouped(&self, embeddings: Vec<Vec<f32>>) -> Vec<Vec<Vec<f32>>> {
+        let mut embeddings = embeddings.into_iter();
         let of_labels = self.vocabulary.words().map(|words| embeddings.by_ref().take(words.len()).collect());
         let mut all: Vec<Vec<Vec<f32>>> = of_labels.collect();
-        all.extend(self.anything()?.into_iter().map(|word| vec![word]));
-        Ok(self.embeddings.get_or_init(|| all))
+        all.extend(embeddings.map(|word| vec![word]));
+        all
     }
 }
 

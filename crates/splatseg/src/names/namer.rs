@@ -1,7 +1,7 @@
 //! The namer `clip`: it gives objects labels with a network for images and words.
 
 use super::clip_names::{ClipNames, NamesError};
-use crate::parts::{Namer, ObjectToName, PartContext, PartError, PartFile, PartFiles, PartSection};
+use crate::parts::{Namer, ObjectToName, Pacer, PartContext, PartError, PartFile, PartFiles, PartSection};
 use splatseg_geometry::SegmentId;
 use splatseg_objects::ObjectName;
 use splatseg_settings::{Allowed, settings};
@@ -68,6 +68,15 @@ impl Namer for Arc<ClipNames> {
         Ok(ObjectName { embedding, ..ObjectName::default() })
     }
 
+    fn name_object_beside(
+        &mut self,
+        object: ObjectToName<'_>,
+        pacer: &dyn Pacer,
+    ) -> Result<ObjectName, Box<dyn Error + Send + Sync>> {
+        let embedding = self.embed_views_in_steps(object.views, pacer)?;
+        Ok(ObjectName { embedding, ..ObjectName::default() })
+    }
+
     fn label_objects(
         &mut self,
         objects: &[(SegmentId, &[f32])],
@@ -75,6 +84,15 @@ impl Namer for Arc<ClipNames> {
         let embeddings: Vec<&[f32]> = objects.iter().map(|(_, embedding)| *embedding).collect();
         let labels = self.choose_labels(&embeddings)?;
         Ok(objects.iter().map(|(id, _)| *id).zip(labels).collect())
+    }
+
+    fn label_objects_beside(
+        &mut self,
+        objects: &[(SegmentId, &[f32])],
+        pacer: &dyn Pacer,
+    ) -> Result<Vec<(SegmentId, ObjectName)>, Box<dyn Error + Send + Sync>> {
+        self.prepare_words_in_steps(pacer)?;
+        self.label_objects(objects)
     }
 
     fn cpu_share(&self) -> Option<f64> {
@@ -95,11 +113,27 @@ impl Namer for ClipNamer {
         self.names.name_object(object)
     }
 
+    fn name_object_beside(
+        &mut self,
+        object: ObjectToName<'_>,
+        pacer: &dyn Pacer,
+    ) -> Result<ObjectName, Box<dyn Error + Send + Sync>> {
+        self.names.name_object_beside(object, pacer)
+    }
+
     fn label_objects(
         &mut self,
         objects: &[(SegmentId, &[f32])],
     ) -> Result<Vec<(SegmentId, ObjectName)>, Box<dyn Error + Send + Sync>> {
         self.names.label_objects(objects)
+    }
+
+    fn label_objects_beside(
+        &mut self,
+        objects: &[(SegmentId, &[f32])],
+        pacer: &dyn Pacer,
+    ) -> Result<Vec<(SegmentId, ObjectName)>, Box<dyn Error + Send + Sync>> {
+        self.names.label_objects_beside(objects, pacer)
     }
 
     fn cpu_share(&self) -> Option<f64> {

@@ -30,7 +30,7 @@ pub use depth_predictors::DepthPredictorSettings;
 pub use error::PartError;
 pub use files::{MissingFile, PartFile, PartFiles, SettingsInput};
 pub use methods::{MethodName, MethodSettings};
-pub use namers::{Namer, NamerSettings, ObjectToName};
+pub use namers::{Namer, NamerSettings, ObjectToName, Pacer};
 pub use networks::LoadedNetworks;
 pub use part::Part;
 pub use part_settings::PartSettings;

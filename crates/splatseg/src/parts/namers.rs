@@ -10,6 +10,8 @@ use std::error::Error;
 use std::sync::Arc;
 use toml::Table;
 
+pub use splatseg_models::clip::Pacer;
+
 /// An object to be named.
 #[derive(Clone, Copy, Debug)]
 pub struct ObjectToName<'a> {
@@ -50,6 +52,33 @@ pub trait Namer: Send {
     ) -> Result<Vec<(SegmentId, ObjectName)>, Box<dyn Error + Send + Sync>> {
         let _ = objects;
         Ok(Vec::new())
+    }
+
+    /// [`Self::name_object`] beside the frames. `pacer` waits while a frame is processed: a namer that calls it before every few
+    /// milliseconds of work is not in a frame's way. The result must be the same.
+    ///
+    /// # Errors
+    /// As [`Self::name_object`].
+    fn name_object_beside(
+        &mut self,
+        object: ObjectToName<'_>,
+        pacer: &dyn Pacer,
+    ) -> Result<ObjectName, Box<dyn Error + Send + Sync>> {
+        let _ = pacer;
+        self.name_object(object)
+    }
+
+    /// [`Self::label_objects`] beside the frames, as [`Self::name_object_beside`].
+    ///
+    /// # Errors
+    /// As [`Self::label_objects`].
+    fn label_objects_beside(
+        &mut self,
+        objects: &[(SegmentId, &[f32])],
+        pacer: &dyn Pacer,
+    ) -> Result<Vec<(SegmentId, ObjectName)>, Box<dyn Error + Send + Sync>> {
+        let _ = pacer;
+        self.label_objects(objects)
     }
 
     /// `None` for a namer that is fast enough to be asked after every frame. Otherwise the share of all cores that it may take

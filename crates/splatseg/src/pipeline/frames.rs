@@ -140,6 +140,7 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
             Ok(streamed) => streamed,
             Err(error) => return Some(Err(error)),
         };
+        let rest = pipeline.names.rest_during_frame();
         let corrected: Vec<(usize, Pose)> =
             corrections.iter().map(|correction| (correction.frame, correction.world_from_camera)).collect();
         pipeline.correct_poses(&corrected);
@@ -153,10 +154,12 @@ impl<S: FrameSource> Iterator for Frames<'_, S> {
             Err(error) => return Some(Err(error.into())),
         };
         let world_from_camera = placed.pose.world_from_camera;
-        let Pipeline { segmenter, method, segment_ahead, clock, objects, turn, resolution, depth, .. } =
+        let Pipeline { segmenter, method, segment_ahead, clock, objects, turn, resolution, depth, names, .. } =
             &mut **pipeline;
         // Read on this thread: a thread of the pool that waits for a frame could be the one that the frame waits for.
+        drop(rest);
         let ahead = if *segment_ahead { source.next() } else { None };
+        let _rest = names.rest_during_frame();
         let (result, ahead) = in_thread_pool(|| {
             let segmented = segmented.unwrap_or_else(|| segment(segmenter.as_mut(), &working, placed.turn));
             rayon::join(

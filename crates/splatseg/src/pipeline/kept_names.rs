@@ -1,6 +1,7 @@
 //! Names of objects, and what they are named from.
 
 use super::FrameResult;
+use super::frame_gate::ClosedGate;
 use super::naming_beside::NamingBeside;
 use crate::names::ClipNames;
 use crate::parts::Namer;
@@ -34,6 +35,11 @@ impl KeptNames {
     pub(super) fn set_namer(&mut self, namer: Box<dyn Namer>) {
         (self.cpu_share, self.network) = (namer.cpu_share(), namer.network());
         self.namer = Some(Arc::new(Mutex::new(namer)));
+    }
+
+    /// Lets a thread that names beside the frames rest until the guard is dropped.
+    pub(super) fn rest_during_frame(&self) -> Option<ClosedGate> {
+        self.beside.as_ref().map(NamingBeside::rest_during_frame)
     }
 
     /// Ids turned out to be other ids' objects.

@@ -67,6 +67,7 @@ impl<T> WaitingFrames<T> {
         let waiting = self.frames.len();
         let after = waiting.saturating_sub(1);
         let Some(first) = self.frames.pop_front_if(|first| is_due(&first.belongings, after)) else { return Ok(None) };
+        let _rest = pipeline.names.rest_during_frame();
         if self.added >= waiting {
             pipeline.decide_objects(u32::try_from(waiting).unwrap_or(u32::MAX));
             self.added = 0;

@@ -7,6 +7,7 @@ mod background;
 mod builder;
 mod enlarging;
 mod error;
+mod frame_gate;
 mod frame_result;
 mod frames;
 mod hindsight;

@@ -2,17 +2,19 @@
 //!
 //! There is no queue. When the thread is free, it gets the object seen last of those that need a name, with its views as they
 //! are then, so names are never about old views. The thread has the lowest priority, and a pool of threads of its own with
-//! itself in it, so that no part of a frame waits for it.
+//! itself in it, so that no part of a frame waits for it. It rests while a frame is processed: even the lowest priority slows
+//! the frames by several percent, since cores share caches and memory.
 
 use super::background::{busy_time, lower_priority};
+use super::frame_gate::{ClosedGate, FrameGate};
 use super::kept_names::SharedNamer;
-use crate::parts::ObjectToName;
+use crate::parts::{ObjectToName, Pacer};
 use splatseg_geometry::SegmentId;
 use splatseg_objects::{Object, ObjectName, ObjectView};
 use std::error::Error;
 use std::io;
-use std::sync::PoisonError;
 use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Labels of all objects are chosen anew at most this often while there are objects to be named.
@@ -49,6 +51,8 @@ pub(super) struct NamingBeside {
     labelled: Instant,
     /// Rest after each second of work, seconds.
     rest: f64,
+    /// Closed while a frame is processed.
+    gate: Arc<FrameGate>,
     /// Ends the thread, once the jobs have ended.
     _pool: rayon::ThreadPool,
 }
@@ -76,10 +80,12 @@ impl NamingBeside {
             .map_err(io::Error::other)?;
         let (jobs, to_do) = channel::<Job>();
         let (send, done) = channel();
+        let gate = Arc::new(FrameGate::default());
+        let pacer = Arc::clone(&gate);
         pool.spawn(move || {
             for job in to_do {
                 let started = busy_time();
-                let named = carry_out(&namer, job);
+                let named = carry_out(&namer, job, &*pacer);
                 // Whoever has asked may be gone.
                 if send.send((named, busy_time().saturating_sub(started))).is_err() {
                     break;
@@ -89,7 +95,12 @@ impl NamingBeside {
         let cores = std::thread::available_parallelism().map_or(1, usize::from) as f64;
         let rest = (1.0 / (share * cores).max(1e-9) - 1.0).max(0.0);
         let now = Instant::now();
-        Ok(Self { jobs, done, work: None, next: now, labelled: now, rest, _pool: pool })
+        Ok(Self { jobs, done, work: None, next: now, labelled: now, rest, gate, _pool: pool })
+    }
+
+    /// Lets the thread rest until the guard is dropped.
+    pub(super) fn rest_during_frame(&self) -> ClosedGate {
+        FrameGate::close(&self.gate)
     }
 
     /// Returns what the thread has done since the last call, if anything. With `wait`, it is waited for.
@@ -135,19 +146,19 @@ impl NamingBeside {
     }
 }
 
-fn carry_out(namer: &SharedNamer, job: Job) -> Result<Named, NamerError> {
+fn carry_out(namer: &SharedNamer, job: Job, pacer: &dyn Pacer) -> Result<Named, NamerError> {
     let mut namer = namer.lock().unwrap_or_else(PoisonError::into_inner);
     Ok(match job {
         Job::Object(object, views, score) => {
             let views: Vec<(&ObjectView, f64)> = views.iter().map(|(view, weight)| (view, *weight)).collect();
             let Some((view, _)) = views.first() else { return Err("no view".into()) };
-            let name = namer.name_object(ObjectToName { object: &object, view, views: &views })?;
+            let name = namer.name_object_beside(ObjectToName { object: &object, view, views: &views }, pacer)?;
             Named::Object(object.id, name, score)
         }
         Job::Labels(objects) => {
             let objects: Vec<(SegmentId, &[f32])> =
                 objects.iter().map(|(id, embedding)| (*id, embedding.as_slice())).collect();
-            Named::Labels(namer.label_objects(&objects)?)
+            Named::Labels(namer.label_objects_beside(&objects, pacer)?)
         }
     })
 }
@@ -157,7 +168,8 @@ mod tests {
     use super::*;
     use crate::parts::Namer;
     use splatseg_geometry::Image;
-    use std::sync::{Arc, Mutex};
+    use std::sync::Mutex;
+    use std::sync::atomic::{AtomicUsize, Ordering};
 
     /// A namer that works for some time.
     struct Busy(Duration);
@@ -175,6 +187,33 @@ mod tests {
             if object.object.id == 9 { Err("no words".into()) } else { Ok(ObjectName::by_hand("thing")) }
         }
     }
+
+    /// A namer that takes many steps, and counts them.
+    struct InSteps(Arc<AtomicUsize>);
+
+    impl Namer for InSteps {
+        fn name(&self) -> &str {
+            "in steps"
+        }
+
+        fn name_object(&mut self, _: ObjectToName<'_>) -> Result<ObjectName, NamerError> {
+            Ok(ObjectName::by_hand("thing"))
+        }
+
+        fn name_object_beside(
+            &mut self,
+            object: ObjectToName<'_>,
+            pacer: &dyn Pacer,
+        ) -> Result<ObjectName, NamerError> {
+            for _ in 0..STEPS {
+                pacer.before_step();
+                self.0.fetch_add(1, Ordering::SeqCst);
+            }
+            self.name_object(object)
+        }
+    }
+
+    const STEPS: usize = 1000;
 
     fn job(id: SegmentId) -> Job {
         let view = ObjectView { image: Image::filled(2, 2, [9; 3]), mask: Image::filled(2, 2, true) };
@@ -206,6 +245,22 @@ mod tests {
         assert!((1..=7).contains(&beside), "{beside}");
         let idle = jobs_in(time, share, true);
         assert!(idle > beside, "{idle}, {beside}");
+    }
+
+    #[test]
+    fn it_rests_while_a_frame_is_processed_and_goes_on_after_it() {
+        let steps = Arc::new(AtomicUsize::new(0));
+        let mut beside = NamingBeside::start(Arc::new(Mutex::new(Box::new(InSteps(Arc::clone(&steps))))), 1.0).unwrap();
+        let frame = beside.rest_during_frame();
+        beside.give(job(3));
+        std::thread::sleep(10 * JOB);
+        // Without any rest it would have ended long ago.
+        let during = steps.load(Ordering::SeqCst);
+        assert!(during < STEPS / 2 && beside.take(false).is_none(), "{during}");
+        drop(frame);
+        drop(beside.rest_during_frame());
+        assert!(matches!(beside.take(true), Some(Ok(Named::Object(3, ..)))));
+        assert_eq!(steps.load(Ordering::SeqCst), STEPS);
     }
 
     #[test]

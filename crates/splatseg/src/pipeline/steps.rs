@@ -85,6 +85,7 @@ impl Pipeline {
     /// can still be processed. [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device
     /// failed: no later frame can be processed. [`PipelineError::Namer`] if the namer of the settings failed.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
+        let _rest = self.names.rest_during_frame();
         let camera_frame = self.predicted(frame.as_borrowed())?;
         let mut working = self.working_frame(&camera_frame);
         let segmented = self.segmented_before_fit(&working);
@@ -97,6 +98,7 @@ impl Pipeline {
     /// # Errors
     /// As [`Self::step`].
     pub fn step_unposed(&mut self, frame: CameraFrame<'_>) -> Result<FrameResult, PipelineError> {
+        let _rest = self.names.rest_during_frame();
         let frame = self.predicted(frame)?;
         let mut working = self.working_frame(&frame);
         let segmented = self.segmented_before_fit(&working);

@@ -83,8 +83,8 @@ struct Room {
     pipeline: Pipeline,
     /// The thing that each object shows, of those that show one.
     things: BTreeMap<SegmentId, SegmentId>,
-    /// The kind of each thing.
-    kinds: BTreeMap<SegmentId, String>,
+    /// The kind of each thing, and the label that is right for it.
+    kinds: BTreeMap<SegmentId, (String, String)>,
     several: KeptViews,
     largest: KeptViews,
 }
@@ -134,17 +134,33 @@ impl Room {
         Names { ids, embeddings }
     }
 
-    fn kind(&self, object: SegmentId) -> &str {
-        &self.kinds[&self.things[&object]]
+    /// The label that is right for an object.
+    fn label(&self, object: SegmentId) -> &str {
+        &self.kinds[&self.things[&object]].1
+    }
+
+    /// True if what `objects.json` calls the object is only another word for its label, e.g. a photo for a picture.
+    fn is_called_otherwise(&self, object: SegmentId) -> bool {
+        let (kind, label) = &self.kinds[&self.things[&object]];
+        kind != label
     }
 }
 
-/// The kind of each thing of a room.
-fn kinds(room: &Path) -> BTreeMap<SegmentId, String> {
+/// The kind of each thing of a room by `objects.json`, and the label of the vocabulary that has it among its words.
+fn kinds(room: &Path) -> BTreeMap<SegmentId, (String, String)> {
     let text = std::fs::read_to_string(room.join("objects.json")).unwrap();
     let description: serde_json::Value = serde_json::from_str(&text).unwrap();
+    let vocabulary = Vocabulary::read(&Files::vocabulary()).unwrap();
+    let label = |kind: &str| {
+        let words = |words: &&[String]| words.iter().any(|word| word == kind);
+        vocabulary.words().find(words).unwrap_or_else(|| panic!("{kind} is not in the vocabulary"))[0].clone()
+    };
     let instances = description["instances"].as_object().unwrap();
-    instances.iter().map(|(id, kind)| (id.parse().unwrap(), kind.as_str().unwrap().to_owned())).collect()
+    let of = |(id, kind): (&String, &serde_json::Value)| {
+        let kind = kind.as_str().unwrap();
+        (id.parse().unwrap(), (kind.to_owned(), label(kind)))
+    };
+    instances.iter().map(of).collect()
 }
 
 /// Embeddings of objects.
@@ -170,6 +186,8 @@ struct Counts {
     named: usize,
     /// Without a label, though the most probable one is right.
     withheld: usize,
+    /// Right for things that `objects.json` calls by another word for the label.
+    right_by_another_word: usize,
     /// Things of which any object has the right label.
     right_things: usize,
     things: usize,
@@ -177,12 +195,14 @@ struct Counts {
 
 impl Counts {
     fn add(&mut self, room: &Room, names: &[(SegmentId, ObjectName)]) {
-        let is_right = |(id, name): &&(SegmentId, ObjectName)| name.label.as_deref() == Some(room.kind(*id));
+        let is_right = |(id, name): &&(SegmentId, ObjectName)| name.label.as_deref() == Some(room.label(*id));
         let is_withheld = |(id, name): &&(SegmentId, ObjectName)| {
-            name.label.is_none() && name.alternatives.first().is_some_and(|other| other.label == room.kind(*id))
+            name.label.is_none() && name.alternatives.first().is_some_and(|other| other.label == room.label(*id))
         };
         self.all += names.len();
         self.right += names.iter().filter(is_right).count();
+        self.right_by_another_word +=
+            names.iter().filter(is_right).filter(|(id, _)| room.is_called_otherwise(*id)).count();
         self.named += names.iter().filter(|(_, name)| name.label.is_some()).count();
         self.withheld += names.iter().filter(is_withheld).count();
         let things = |names: &mut dyn Iterator<Item = &(SegmentId, ObjectName)>| -> usize {
@@ -197,7 +217,7 @@ impl Counts {
 /// of [`MIN_SCORES`].
 fn named_without_their_word(mut network: ClipNames, rooms: &[(Room, Names)]) -> [usize; MIN_SCORES.len()] {
     let text = std::fs::read_to_string(Files::vocabulary()).unwrap();
-    let objects = |room: &Room| room.things.keys().map(|object| room.kind(*object).to_owned()).collect::<Vec<_>>();
+    let objects = |room: &Room| room.things.keys().map(|object| room.label(*object).to_owned()).collect::<Vec<_>>();
     let kinds: BTreeSet<String> = rooms.iter().flat_map(|(room, _)| objects(room)).collect();
     let mut named = [0; MIN_SCORES.len()];
     for kind in &kinds {
@@ -207,7 +227,7 @@ fn named_without_their_word(mut network: ClipNames, rooms: &[(Room, Names)]) -> 
             network = network.with_min_score(min_score);
             for (room, names) in rooms {
                 let names = names.choose(&network, room);
-                *named += names.iter().filter(|(id, name)| room.kind(*id) == kind && name.label.is_some()).count();
+                *named += names.iter().filter(|(id, name)| room.label(*id) == kind && name.label.is_some()).count();
             }
         }
     }
@@ -220,8 +240,8 @@ fn confusions(rooms: &[(Room, Names)], network: &ClipNames) -> Vec<(usize, Strin
     for (room, names) in rooms {
         for (id, name) in names.choose(network, room) {
             let label = name.label.unwrap_or_else(|| "unknown".to_owned());
-            if label != room.kind(id) {
-                *counts.entry((room.kind(id).to_owned(), label)).or_default() += 1;
+            if label != room.label(id) {
+                *counts.entry((room.label(id).to_owned(), label)).or_default() += 1;
             }
         }
     }
@@ -272,6 +292,6 @@ fn things_of_rendered_rooms_get_names() {
     let (with, without) = (wrong_queries(&rooms, true), wrong_queries(&rooms, false));
     println!("of {} texts, wrong are {with:?} with the network, {without:?} by labels and colours", QUERIES.len());
     // docs/NAMES.md has what was wanted, and why it is not more.
-    assert!(5 * several.right >= several.all, "{several:?}");
+    assert!(4 * several.right >= several.all, "{several:?}");
     assert!(several.right + 3 >= largest.right, "{several:?}, {largest:?}");
 }

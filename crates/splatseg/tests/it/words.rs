@@ -287,6 +287,33 @@ fn things_are_named_beside_the_frames() {
     assert_eq!(pipeline.finish_names().unwrap(), 0);
 }
 
+/// A network that is carried out in steps between the frames gives the same embeddings as one that is not interrupted.
+#[test]
+fn names_from_beside_the_frames_are_the_same_bytes() {
+    let files = Files::new();
+    let mut pipeline = Pipeline::builder(&files.settings()).segmenter(Box::new(TrueMasks)).build().unwrap();
+    pipeline.name_beside_frames().unwrap();
+    for number in 0..FRAMES {
+        pipeline.step(&frame(number)).unwrap();
+    }
+    let mut at_once = run(&files.settings()).unwrap();
+    at_once.finish_names().unwrap();
+    let expected: BTreeMap<SegmentId, Vec<f32>> =
+        at_once.names().embeddings().map(|(id, embedding)| (id, embedding.to_vec())).collect();
+    let started = Instant::now();
+    while pipeline.names().embeddings().count() < expected.len() && started.elapsed() < Duration::from_secs(15) {
+        pipeline.name_while_idle();
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    // An object may have been looked at before its last views.
+    let is_final = |pipeline: &Pipeline| {
+        pipeline.names().embeddings().filter(|(id, embedding)| expected[id] == *embedding).count()
+    };
+    assert!(is_final(&pipeline) >= expected.len() - 2, "{} of {}", is_final(&pipeline), expected.len());
+    pipeline.finish_names().unwrap();
+    assert_eq!(pipeline.names().embeddings().count(), expected.len());
+}
+
 #[test]
 fn a_share_of_nothing_leaves_all_names_to_the_end() {
     let files = Files::new();
