@@ -256,7 +256,7 @@ pub fn has_depth(path: &Path, settings: &DatasetSettings) -> bool {
 /// Returns true for a recording that has no topic with depth, unless the settings name one. Reads the recording once.
 pub fn lacks_depth_topic(path: &Path, settings: &DatasetSettings) -> bool {
     let has_topics = settings.depth.is_none() && format_of(path, settings).is_some_and(Format::has_topics);
-    // An error is told when the recording is opened.
+    // Opening the recording returns the error.
     has_topics && RecordingScene::lacks_depth(path).unwrap_or(false)
 }
 

@@ -61,9 +61,9 @@ pub struct GuessedCamera {
 }
 
 impl GuessedCamera {
-    /// What the camera is assumed to see across the long side, degrees: between telephones (65) and webcams (55).
+    /// Assumed angle of view across the long side, degrees: between telephones (65) and webcams (55).
     pub const DEGREES: f64 = 60.0;
-    /// What usual cameras see, but for action cameras, which see more: degrees.
+    /// Angles of view of usual cameras, degrees; action cameras see more.
     const USUAL_DEGREES: [f64; 2] = [70.0, 50.0];
 
     /// Guesses the camera of images of `size`, `(width, height)`.

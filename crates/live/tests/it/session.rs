@@ -241,7 +241,7 @@ fn after_a_reset_the_plan_of_the_map_before_is_withdrawn() {
     let before = published.lock().unwrap().iter().rev().find(|(output, _)| *output == Output::Map).unwrap().1.clone();
     let before: OccupancyGrid = from_cdr(&before).unwrap();
     assert!(before.data.contains(&0) && before.data.contains(&100));
-    // What is asked when the frames have ended is done, too.
+    // Requests are carried out even when the frames have ended.
     let is_done = AtomicBool::new(false);
     std::thread::scope(|scope| {
         scope.spawn(|| {
