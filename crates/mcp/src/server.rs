@@ -42,8 +42,8 @@ impl MapServer {
         Self { assistant: Arc::new(Mutex::new(assistant)), tools, config }
     }
 
-    /// Serves a client until it closes its side of the connection. What is no message of the protocol is answered as the
-    /// protocol says or dropped; it does not end the connection.
+    /// Serves a client until it closes its side of the connection. Anything but a message of the protocol is answered as
+    /// the protocol says or dropped; it does not end the connection.
     ///
     /// # Errors
     /// [`McpError::Connection`] if the client leaves before the protocol has begun, or the connection fails.
