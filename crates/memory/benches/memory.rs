@@ -60,7 +60,7 @@ fn files(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("million_gaussians");
     group.sample_size(10);
     for content in [evidence, features] {
-        let kind = content.kind().name();
+        let kind = content.name();
         let (map, segment_ids) = (map.clone(), vec![1; COUNT]);
         let file = SplatFile {
             origin: DVec3::ZERO,

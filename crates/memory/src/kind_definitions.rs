@@ -40,8 +40,10 @@ pub struct NewStore<'a> {
 pub struct SavedStore<'a> {
     /// The file, for errors.
     pub path: &'a Path,
-    /// One entry per Gaussian.
+    /// One entry per Gaussian; arrays are as long as they were when they were saved, and no number in them is checked.
     pub content: SplatContent,
+    /// Number of Gaussians.
+    pub gaussians: usize,
     /// The largest id that was ever given out.
     pub highest_id: SegmentId,
 }
@@ -50,7 +52,7 @@ impl SavedStore<'_> {
     /// The error for content of another kind of memory than the settings choose.
     pub fn unexpected(&self, settings: &MemorySettings) -> LoadMemoryError {
         let path = self.path.display().to_string();
-        LoadMemoryError::Kind { path, found: self.content.kind().name().to_owned(), expected: settings.kind.name() }
+        LoadMemoryError::Kind { path, found: self.content.name().to_owned(), expected: settings.kind.name() }
     }
 }
 
@@ -60,7 +62,7 @@ static EVIDENCE: MemoryKindDefinition = MemoryKindDefinition {
     create: |settings, _| Ok(Box::new(EvidenceStore::new(settings.clone()))),
     restore: |settings, saved| match saved.content {
         SplatContent::Evidence { votes } => Ok(Box::new(EvidenceStore::restored(settings.clone(), votes))),
-        SplatContent::Features { .. } => Err(saved.unexpected(settings)),
+        _ => Err(saved.unexpected(settings)),
     },
 };
 
@@ -69,7 +71,6 @@ static FEATURES: MemoryKindDefinition = MemoryKindDefinition {
     rules: FeatureStore::rules_of,
     create: |settings, new| Ok(Box::new(FeatureStore::new(settings.clone(), new.seed, new.progress)?)),
     restore: |settings, saved| match saved.content {
-        SplatContent::Evidence { .. } => Err(saved.unexpected(settings)),
         SplatContent::Features { features, codebook } => {
             let (found, expected) = (codebook.feature_dim(), settings.feature_dim);
             if found != expected {
@@ -79,6 +80,7 @@ static FEATURES: MemoryKindDefinition = MemoryKindDefinition {
             let codes = SegmentCodes::of_user(settings, codebook, saved.highest_id as usize);
             Ok(Box::new(FeatureStore::restored(settings.clone(), codes, features)))
         }
+        _ => Err(saved.unexpected(settings)),
     },
 };
 
@@ -88,8 +90,8 @@ static REGISTERED: Mutex<Vec<&'static MemoryKindDefinition>> = Mutex::new(Vec::n
 /// Adds a kind of memory to those that `memory.kind` chooses from, for the whole program. Call it before settings are
 /// read.
 ///
-/// It is saved if its stores have a [`SegmentStore::content`]. The file then has the votes or features of a built-in
-/// kind and the name of this one, and a program that has not registered it refuses to continue the map.
+/// It is saved if its stores have a [`SegmentStore::content`]: votes or features as those of a built-in kind, or arrays of
+/// its own. The file then has the name of the kind, and a program that has not registered it refuses to continue the map.
 ///
 /// # Errors
 /// If the name is taken or cannot be written.

@@ -117,7 +117,7 @@ impl SplatMemory {
         });
         let damaged = |found| LoadMemoryError::SavedState { path: path.display().to_string(), found };
         let (segments, patches, recent, together, remapped, attached) = restored.map_err(damaged)?;
-        let saved = SavedStore { path, content, highest_id: segments.highest() };
+        let saved = SavedStore { path, content, gaussians: map.len(), highest_id: segments.highest() };
         let store = (settings.kind.definition().restore)(&settings, saved)?;
         let mut memory = Self::with_parts(settings, map, store, segments);
         (memory.frames, memory.origin) = (frames, origin);

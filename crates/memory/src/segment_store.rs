@@ -144,7 +144,9 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// Number of parameters per Gaussian for segments.
     fn numbers_per_gaussian(&self) -> usize;
 
-    /// Returns the whole content, to be saved. The default returns `None`, for a kind of memory without a file format.
+    /// Returns the whole content, to be saved: votes or features, or arrays of any form that the kind's
+    /// [`restore`](crate::MemoryKindDefinition::restore) reads. The default returns `None`, for a kind of memory without a
+    /// file format.
     fn content(&self) -> Option<SplatContentView<'_>> {
         None
     }

@@ -125,6 +125,7 @@ impl SplatContentView<'_> {
                     feature => feature.iter().map(|value| value * value).sum::<f32>().sqrt().min(1.0),
                 }
             }
+            Self::Arrays { .. } => f32::from(u8::from(id != 0)),
         }
     }
 }

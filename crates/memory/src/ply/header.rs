@@ -2,7 +2,7 @@
 
 use super::error::SplatFileError;
 use super::layout::{Layout, Sizes};
-use super::{OLD_VERSION, SplatFileView, VERSION};
+use super::{ARRAYS, OLD_VERSION, SplatFileView, VERSION};
 use glam::DVec3;
 use splatseg_geometry::Pose;
 use std::fmt::Write;
@@ -47,11 +47,12 @@ pub fn checked(view: &SplatFileView<'_>, sizes: &Sizes, path: &Path) -> Result<S
     if let Some(name) = view.registered_kind.filter(|name| !is_kind(name)) {
         return Err(kind_error(name, path));
     }
+    check_owner(sizes.layout, view.registered_kind, path)?;
     Ok(text)
 }
 
 fn format(view: &SplatFileView<'_>, sizes: &Sizes) -> String {
-    let (kind, segments) = (sizes.layout.kind().name(), sizes.segments);
+    let (kind, segments) = (sizes.layout.name(), sizes.segments);
     let mut text = String::from("ply\nformat binary_little_endian 1.0\n");
     // Writing to a string cannot fail.
     let _ = write!(text, "comment splatseg memory {VERSION} kind {kind} ");
@@ -92,6 +93,14 @@ fn read_registered_kind(lines: &[&str], path: &Path) -> Result<Option<String>, S
     if is_kind(name) { Ok(Some(name.to_owned())) } else { Err(kind_error(name, path)) }
 }
 
+/// Returns an error if there are arrays and no kind whose they are.
+fn check_owner(layout: Layout, registered_kind: Option<&str>, path: &Path) -> Result<(), SplatFileError> {
+    if layout == Layout::Arrays && registered_kind.is_none() {
+        return Err(header_error(path, "", &format!("{:?} and the name of the kind", REGISTERED_KIND.trim_end())));
+    }
+    Ok(())
+}
+
 fn is_kind(name: &str) -> bool {
     splatseg_settings::is_name(name) && name.len() <= SHOWN_CHARS
 }
@@ -124,6 +133,7 @@ pub fn read(reader: &mut impl BufRead, path: &Path) -> Result<Header, SplatFileE
     let announced = read_announcement(announced, path)?;
     let origin = read_origin(&lines, path)?;
     let registered_kind = read_registered_kind(&lines, path)?;
+    check_owner(announced.layout, registered_kind.as_deref(), path)?;
     let mut body = lines.into_iter().filter(|line| !line.starts_with("comment ") && !line.starts_with("format "));
     let element = body.next().unwrap_or_default();
     let Some(Ok(gaussians)) = element.strip_prefix("element vertex ").map(str::parse) else {
@@ -156,6 +166,7 @@ fn read_announcement(announced: &str, path: &Path) -> Result<Sizes, SplatFileErr
     let (words, rest) = words.split_at(words.len().saturating_sub(4));
     let layout = match *words {
         ["kind", "evidence"] => Some(Layout::Evidence),
+        ["kind", ARRAYS] => Some(Layout::Arrays),
         ["kind", "features", "feature_dim", dim, "codes", codes] => match (dim.parse(), codes.parse()) {
             (Ok(feature_dim @ 1..), Ok(codes)) => Some(Layout::Features { feature_dim, codes }),
             _ => None,
@@ -176,8 +187,8 @@ fn read_announcement(announced: &str, path: &Path) -> Result<Sizes, SplatFileErr
     });
     sizes.ok_or_else(|| {
         let expected = format!(
-            "version, kind evidence, segments and {size_word}, or version, kind features, feature_dim, codes, segments and \
-             {size_word}"
+            "version, kind evidence or {ARRAYS}, segments and {size_word}, or version, kind features, feature_dim, codes, \
+             segments and {size_word}"
         );
         header_error(path, announced, &expected)
     })

@@ -1,7 +1,7 @@
 //! Layout of a file: its properties and sizes.
 
 use super::error::SplatFileError;
-use super::{SplatContentView, SplatFileView, VERSION};
+use super::{ARRAYS, SplatContentView, SplatFileView, VERSION};
 use crate::saved_state::MAX_BYTES;
 use crate::{MemoryKind, Votes};
 use splatseg_geometry::MAX_SEGMENT_ID;
@@ -29,6 +29,8 @@ pub enum Layout {
         /// Number of codes.
         codes: u64,
     },
+    /// Arrays of another crate, in the state.
+    Arrays,
 }
 
 /// The sizes that determine the length of a file after its header.
@@ -47,11 +49,26 @@ pub struct Sizes {
 }
 
 impl Layout {
-    /// The kind of memory.
-    pub fn kind(self) -> MemoryKind {
+    /// The built-in kind of memory with this content.
+    pub fn kind(self) -> Option<MemoryKind> {
         match self {
-            Self::Evidence => MemoryKind::Evidence,
-            Self::Features { .. } => MemoryKind::Features,
+            Self::Evidence => Some(MemoryKind::Evidence),
+            Self::Features { .. } => Some(MemoryKind::Features),
+            Self::Arrays => None,
+        }
+    }
+
+    /// Name in the header.
+    pub fn name(self) -> &'static str {
+        self.kind().map_or(ARRAYS, MemoryKind::name)
+    }
+
+    /// Number in the block after the vertices.
+    pub fn number(self) -> u32 {
+        match self {
+            Self::Evidence => 0,
+            Self::Features { .. } => 1,
+            Self::Arrays => 2,
         }
     }
 
@@ -63,6 +80,7 @@ impl Layout {
         let (slots, feature_dim) = match self {
             Self::Evidence => (Votes::SLOTS, 0),
             Self::Features { feature_dim, .. } => (0, feature_dim),
+            Self::Arrays => (0, 0),
         };
         let votes = |slot| [("int", format!("vote_id_{slot}")), ("float", format!("votes_{slot}"))];
         let features = (0..feature_dim).map(|channel| ("float", format!("feature_{channel}")));
@@ -75,6 +93,7 @@ impl Layout {
         let own = match self {
             Self::Evidence => 2 * Votes::SLOTS,
             Self::Features { feature_dim, .. } => feature_dim,
+            Self::Arrays => 0,
         };
         PROPERTY_BYTES.saturating_mul((FLOAT_PROPERTIES.len() + OTHER_PROPERTIES).saturating_add(own) as u64)
     }
@@ -82,7 +101,7 @@ impl Layout {
     /// Maximum number of segment ids.
     pub fn max_segments(self) -> u64 {
         match self {
-            Self::Evidence => u64::from(MAX_SEGMENT_ID),
+            Self::Evidence | Self::Arrays => u64::from(MAX_SEGMENT_ID),
             Self::Features { codes, .. } => codes.min(u64::from(MAX_SEGMENT_ID)),
         }
     }
@@ -91,11 +110,12 @@ impl Layout {
 impl Sizes {
     /// Returns the sizes of a memory to be saved, whose state besides the Gaussians has `saved_state` bytes.
     pub fn of(view: &SplatFileView<'_>, saved_state: usize) -> Self {
-        let layout = match view.content {
+        let layout = match &view.content {
             SplatContentView::Evidence { .. } => Layout::Evidence,
             SplatContentView::Features { codebook, .. } => {
                 Layout::Features { feature_dim: codebook.feature_dim(), codes: codebook.len() as u64 }
             }
+            SplatContentView::Arrays { .. } => Layout::Arrays,
         };
         Self {
             version: VERSION,
@@ -125,6 +145,7 @@ impl Sizes {
         let Self { gaussians, segments, layout, .. } = self;
         match layout {
             Layout::Evidence => format!("{gaussians} Gaussians with votes and {segments} segments"),
+            Layout::Arrays => format!("{gaussians} Gaussians and {segments} segments"),
             Layout::Features { feature_dim, codes } => {
                 format!("{gaussians} Gaussians and {codes} codes of dimension {feature_dim}, and {segments} segments")
             }

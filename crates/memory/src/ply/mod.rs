@@ -32,7 +32,8 @@
 //! comment origin 500000 5400000 0
 //! ```
 //!
-//! A kind of memory that another crate has registered has the content of a built-in one, and its name in a further comment:
+//! A kind of memory that another crate has registered has the content of a built-in one or arrays of its own, and its name
+//! in a further comment:
 //!
 //! ```text
 //! comment kind last-seen
@@ -45,6 +46,9 @@
 //! property float feature_0..27
 //! ```
 //!
+//! One with arrays has `kind arrays` and neither votes nor features; its arrays are those of the state whose names begin
+//! with `content.`.
+//!
 //! `segments` is the number of ids in the file's list. Gaussians have votes only for these ids and for 0. A
 //! little-endian block follows the vertices:
 //!
@@ -52,7 +56,7 @@
 //! |---|---|---|
 //! | mark | `[u8; 8]` | `SPLATSEG` |
 //! | version | `u32` | 5 |
-//! | kind | `u32` | 0 evidence, 1 features |
+//! | kind | `u32` | 0 evidence, 1 features, 2 arrays |
 //! | segments | `u32` | as in the comment |
 //! | frames | `u32` | frames learnt |
 //! | feature_dim | `u32` | features only |
@@ -111,6 +115,7 @@ use crate::{Codebook, MemoryKind, SplatMap, Votes};
 use glam::DVec3;
 use splatseg_files::StateBlock;
 use splatseg_geometry::SegmentId;
+use std::borrow::Cow;
 use std::path::Path;
 
 /// Version of the format, in the header's comment and in the block after the vertices.
@@ -119,6 +124,10 @@ const VERSION: u32 = 5;
 const OLD_VERSION: u32 = 4;
 /// Records are read and written in chunks of about this many bytes.
 const CHUNK_BYTES: usize = 1 << 18;
+/// Name of content that consists of arrays of another crate.
+const ARRAYS: &str = "arrays";
+/// The beginning of the names that such arrays have in the state.
+const CONTENT: &str = "content";
 
 /// A splat memory loaded from a file: N Gaussians, S segment ids.
 #[derive(Clone, Debug, PartialEq)]
@@ -127,7 +136,7 @@ pub struct SplatFile {
     pub origin: DVec3,
     /// The Gaussians, N entries.
     pub map: SplatMap,
-    /// Votes or features of the Gaussians, N entries.
+    /// Votes or features of the Gaussians, N entries, or arrays of another kind.
     pub content: SplatContent,
     /// Name of the kind of memory, if it is one that another crate has registered.
     pub registered_kind: Option<String>,
@@ -160,16 +169,21 @@ pub enum SplatContent {
         /// The codes, of dimension D. The code of an id has index id − 1.
         codebook: Codebook,
     },
+    /// A memory of a kind that another crate has registered, in a form of its own.
+    Arrays {
+        /// What they mean is the kind's business.
+        arrays: StateBlock,
+    },
 }
 
 /// A borrowed splat memory to be saved: the same fields as [`SplatFile`], without copying the memory.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct SplatFileView<'a> {
     /// Origin of the Gaussians' coordinates: world coordinates, metres.
     pub origin: DVec3,
     /// The Gaussians, N entries.
     pub map: &'a SplatMap,
-    /// Votes or features of the Gaussians, N entries.
+    /// Votes or features of the Gaussians, N entries, or arrays of another kind.
     pub content: SplatContentView<'a>,
     /// Name of the kind of memory, if it is one that another crate has registered.
     pub registered_kind: Option<&'a str>,
@@ -188,7 +202,7 @@ pub struct SplatFileView<'a> {
 }
 
 /// Borrowed [`SplatContent`].
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub enum SplatContentView<'a> {
     /// A memory of [`MemoryKind::Evidence`].
     Evidence {
@@ -202,14 +216,20 @@ pub enum SplatContentView<'a> {
         /// The codes, of dimension D. The code of an id has index id − 1.
         codebook: &'a Codebook,
     },
+    /// A memory of a kind that another crate has registered, in a form of its own.
+    Arrays {
+        /// What they mean is the kind's business. Owned if they are made to be saved.
+        arrays: Cow<'a, StateBlock>,
+    },
 }
 
 impl SplatContent {
-    /// Kind of memory with this content.
-    pub fn kind(&self) -> MemoryKind {
+    /// Name of the content in files: that of the built-in kind of memory that has it, or `arrays`.
+    pub fn name(&self) -> &'static str {
         match self {
-            Self::Evidence { .. } => MemoryKind::Evidence,
-            Self::Features { .. } => MemoryKind::Features,
+            Self::Evidence { .. } => MemoryKind::Evidence.name(),
+            Self::Features { .. } => MemoryKind::Features.name(),
+            Self::Arrays { .. } => ARRAYS,
         }
     }
 
@@ -218,6 +238,7 @@ impl SplatContent {
         match self {
             Self::Evidence { votes } => SplatContentView::Evidence { votes },
             Self::Features { features, codebook } => SplatContentView::Features { features, codebook },
+            Self::Arrays { arrays } => SplatContentView::Arrays { arrays: Cow::Borrowed(arrays) },
         }
     }
 }

@@ -3,10 +3,10 @@
 use super::checked_stream::Input;
 use super::error::SplatFileError;
 use super::header::{self, Header};
-use super::layout::Sizes;
+use super::layout::{Layout, Sizes};
 use super::record::{self, Records};
 use super::trailer::{Contents, Trailer, file_bytes};
-use super::{CHUNK_BYTES, SplatContent, SplatFile};
+use super::{CHUNK_BYTES, CONTENT, SplatContent, SplatFile};
 use splatseg_files::open_file;
 use std::io::BufReader;
 use std::path::Path;
@@ -61,12 +61,13 @@ fn read_records(sizes: &Sizes, input: &mut Input<'_>) -> Result<(Records, Result
 
 fn assemble(header: Header, records: Records, contents: Contents, path: &Path) -> Result<SplatFile, SplatFileError> {
     let Records { map, votes, features, segment_ids } = records;
-    let Contents { frames, codebook, ids, sightings, carried, saved_state } = contents;
+    let Contents { frames, codebook, ids, sightings, carried, mut saved_state } = contents;
     record::check_last_seen(&map.last_seen, frames, path)?;
     record::check_ids(&segment_ids, &votes, &ids, path)?;
-    let content = match codebook {
-        None => SplatContent::Evidence { votes },
-        Some(codebook) => SplatContent::Features { features, codebook },
+    let content = match (header.sizes.layout, codebook) {
+        (Layout::Arrays, _) => SplatContent::Arrays { arrays: saved_state.take_block(CONTENT) },
+        (_, None) => SplatContent::Evidence { votes },
+        (_, Some(codebook)) => SplatContent::Features { features, codebook },
     };
     let Header { origin, registered_kind, .. } = header;
     Ok(SplatFile { origin, map, content, registered_kind, segment_ids, ids, sightings, carried, frames, saved_state })

@@ -31,7 +31,7 @@ pub fn encode(view: &SplatFileView<'_>, index: usize, path: &Path, bytes: &mut V
     bytes.extend(floats.flat_map(f32::to_le_bytes));
     bytes.extend(view.map.last_seen[index].to_le_bytes());
     bytes.extend(u32::from(view.map.seen_through[index]).to_le_bytes());
-    match view.content {
+    match &view.content {
         SplatContentView::Evidence { votes } => {
             for (slot, (id, votes)) in votes[index].slots().into_iter().enumerate() {
                 vertex.not_negative(format_args!("votes_{slot}"), votes)?;
@@ -49,6 +49,7 @@ pub fn encode(view: &SplatFileView<'_>, index: usize, path: &Path, bytes: &mut V
                 bytes.extend(value.to_le_bytes());
             }
         }
+        SplatContentView::Arrays { .. } => {}
     }
     bytes.extend(view.segment_ids[index].to_le_bytes());
     Ok(())
@@ -58,9 +59,9 @@ pub fn encode(view: &SplatFileView<'_>, index: usize, path: &Path, bytes: &mut V
 pub struct Records {
     /// The map, N entries.
     pub map: SplatMap,
-    /// `[N]`; empty in a file of features.
+    /// `[N]`; empty in a file of other content.
     pub votes: Vec<Votes>,
-    /// Row-major `[N, D]`; empty in a file of votes.
+    /// Row-major `[N, D]`; empty in a file of other content.
     pub features: Vec<f32>,
     /// `[N]`.
     pub segment_ids: Vec<u32>,
@@ -73,6 +74,7 @@ impl Records {
         let (votes, features) = match sizes.layout {
             Layout::Evidence => (count, 0),
             Layout::Features { feature_dim, .. } => (0, count * feature_dim),
+            Layout::Arrays => (0, 0),
         };
         let map = SplatMap {
             balls: Balls { means: Vec::with_capacity(count), radii: Vec::with_capacity(count) },
@@ -113,6 +115,7 @@ pub fn decode(record: &[u8], sizes: &Sizes, records: &mut Records, path: &Path) 
                 records.features.push(value);
             }
         }
+        Layout::Arrays => {}
     }
     records.map.balls.push(Vec3::new(x, y, z), radius);
     records.map.colors.push([red, green, blue].map(color));

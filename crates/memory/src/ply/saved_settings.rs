@@ -16,7 +16,7 @@ use std::path::Path;
 pub struct SavedMemorySettings {
     /// `memory.kind`.
     pub kind: MemoryKind,
-    /// `memory.feature_dim` and `memory.num_codes`; `None` for a memory of evidence, which has no codes.
+    /// `memory.feature_dim` and `memory.num_codes`; `None` for a memory without codes.
     pub codes: Option<SavedCodes>,
 }
 
@@ -45,7 +45,7 @@ impl SavedMemorySettings {
         let Header { bytes, sizes, registered_kind, .. } = header::read(&mut file, path)?;
         reader::check_length(&sizes, bytes.len(), length, path)?;
         let codes = match sizes.layout {
-            Layout::Evidence => None,
+            Layout::Evidence | Layout::Arrays => None,
             Layout::Features { feature_dim, codes } => {
                 let records = sizes.gaussians * sizes.layout.record_bytes();
                 let place = bytes.len() as u64 + records + trailer::BLOCKS_OFFSET;
@@ -58,7 +58,8 @@ impl SavedMemorySettings {
             }
         };
         let kind = match registered_kind {
-            None => sizes.layout.kind(),
+            // Arrays always have the name of their kind.
+            None => sizes.layout.kind().unwrap_or_default(),
             Some(name) => MemoryKind::from_name(&name).ok_or_else(|| {
                 let known = MemoryKind::names().join(", ");
                 SplatFileError::UnknownKind { path: path.to_owned(), found: name, known }

@@ -4,7 +4,7 @@ use super::checked_stream::{Input, Output};
 use super::error::SplatFileError;
 use super::layout::{Layout, Sizes};
 use super::{OLD_VERSION, SplatContentView, SplatFileView};
-use crate::{Codebook, MemoryKind, old_saved_state};
+use crate::{Codebook, old_saved_state};
 use splatseg_files::StateBlock;
 use splatseg_geometry::SegmentId;
 use std::io::Write;
@@ -32,7 +32,7 @@ pub fn file_bytes(sizes: &Sizes, header_bytes: usize) -> u64 {
 /// Length of the block, including the checksum; `u64::MAX` on overflow.
 fn bytes(sizes: &Sizes) -> u64 {
     let codebook = match sizes.layout {
-        Layout::Evidence => 0,
+        Layout::Evidence | Layout::Arrays => 0,
         Layout::Features { feature_dim, codes } => {
             codes.saturating_mul(feature_dim as u64).saturating_mul(4).saturating_add(CODEBOOK_HEAD_BYTES)
         }
@@ -49,10 +49,10 @@ pub fn write<W: Write>(
     output: &mut Output<W>,
 ) -> Result<(), SplatFileError> {
     output.write(&MAGIC)?;
-    for field in [sizes.version, number_of(sizes.layout.kind()), sizes.segments as u32, view.frames] {
+    for field in [sizes.version, sizes.layout.number(), sizes.segments as u32, view.frames] {
         output.write(&field.to_le_bytes())?;
     }
-    if let SplatContentView::Features { codebook, .. } = view.content {
+    if let SplatContentView::Features { codebook, .. } = &view.content {
         output.write(&(codebook.feature_dim() as u32).to_le_bytes())?;
         output.write(&(codebook.len() as u64).to_le_bytes())?;
         output.write(&codebook.seed().to_le_bytes())?;
@@ -115,7 +115,7 @@ impl Trailer {
             segments: u32::from_le_bytes(input.array()?),
             frames: u32::from_le_bytes(input.array()?),
             codes: match sizes.layout {
-                Layout::Evidence => None,
+                Layout::Evidence | Layout::Arrays => None,
                 Layout::Features { feature_dim, codes } => Some(Codes {
                     feature_dim: u32::from_le_bytes(input.array()?),
                     count: u64::from_le_bytes(input.array()?),
@@ -144,7 +144,7 @@ impl Trailer {
         let text = |magic: &[u8]| format!("{:?}", String::from_utf8_lossy(magic));
         check_field("the mark after the vertices", text(&self.magic), text(&MAGIC), path)?;
         check_field("the version after the vertices", self.version, sizes.version, path)?;
-        check_field("the kind after the vertices", self.kind, number_of(sizes.layout.kind()), path)?;
+        check_field("the kind after the vertices", self.kind, sizes.layout.number(), path)?;
         check_field("the number of segments after the vertices", u64::from(self.segments), sizes.segments, path)?;
         let codebook = self.codes.take().map(|codes| codes.checked(sizes, path)).transpose()?;
         if let Some(&strange) = self.carried.iter().find(|&&carried| carried > 1) {
@@ -166,7 +166,7 @@ impl Trailer {
 impl Codes {
     fn checked(self, sizes: &Sizes, path: &Path) -> Result<Codebook, SplatFileError> {
         let (feature_dim, count) = match sizes.layout {
-            Layout::Evidence => (0, 0),
+            Layout::Evidence | Layout::Arrays => (0, 0),
             Layout::Features { feature_dim, codes } => (feature_dim, codes),
         };
         check_field("the codebook's feature_dim", u64::from(self.feature_dim), feature_dim as u64, path)?;
@@ -187,14 +187,6 @@ pub fn check_ids(ids: &[SegmentId], sizes: &Sizes, path: &Path) -> Result<(), Sp
         before = *id;
     }
     Ok(())
-}
-
-fn number_of(kind: MemoryKind) -> u32 {
-    match kind {
-        // The content of a registered kind is that of a built-in one.
-        MemoryKind::Evidence | MemoryKind::Registered(_) => 0,
-        MemoryKind::Features => 1,
-    }
 }
 
 fn check_field<T: PartialEq + std::fmt::Display>(

@@ -3,8 +3,9 @@
 use super::checked_stream::Output;
 use super::error::SplatFileError;
 use super::layout::Sizes;
-use super::{CHUNK_BYTES, SplatContentView, SplatFileView, header, record, trailer};
-use splatseg_files::{AtomicFile, StateError};
+use super::{CHUNK_BYTES, CONTENT, SplatContentView, SplatFileView, header, record, trailer};
+use splatseg_files::{AtomicFile, StateBlock, StateError};
+use std::borrow::Cow;
 use std::path::Path;
 
 /// Writes the file under a temporary name and renames it.
@@ -21,21 +22,27 @@ pub fn save(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError>
 
 /// The state besides the Gaussians as bytes; none for the default state.
 fn state_bytes(view: &SplatFileView<'_>, path: &Path) -> Result<Vec<u8>, SplatFileError> {
-    if view.saved_state.is_empty() {
+    let mut state = Cow::Borrowed(view.saved_state);
+    if let SplatContentView::Arrays { arrays } = &view.content {
+        state.to_mut().put_block(CONTENT, StateBlock::clone(arrays));
+    }
+    if state.is_empty() {
         return Ok(Vec::new());
     }
     let failed = |error: StateError| SplatFileError::State { path: path.to_owned(), found: error.to_string() };
-    view.saved_state.to_bytes().map_err(failed)
+    state.to_bytes().map_err(failed)
 }
 
 /// Returns an error if the lengths of arrays contradict each other.
 fn check_lengths(view: &SplatFileView<'_>, path: &Path) -> Result<(), SplatFileError> {
     let count = view.map.len();
-    let content = match view.content {
+    let content = match &view.content {
         SplatContentView::Evidence { votes } => ("votes", votes.len(), count),
         SplatContentView::Features { features, codebook } => {
             ("features", features.len(), count.saturating_mul(codebook.feature_dim()))
         }
+        // Only their kind knows how long they are.
+        SplatContentView::Arrays { .. } => ("arrays", 0, 0),
     };
     let lengths = [
         ("radii", view.map.balls.radii.len(), count),

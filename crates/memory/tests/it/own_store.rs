@@ -1,6 +1,7 @@
 //! A kind of memory defined outside the crate: it remembers the last id that each Gaussian was predicted as.
 
 use glam::{Mat4, Vec3};
+use splatseg_files::StateBlock;
 use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
     LearningExtent, LoadMemoryError, MemoryError, MemoryKind, MemoryKindDefinition, MemoryRules, MemorySettings,
@@ -9,6 +10,7 @@ use splatseg_memory::{
 };
 use splatseg_render::{Splats, TileWeights};
 use splatseg_test_scenes::{camera, wall};
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 
 /// Last id of each Gaussian, as its only vote. New ids beyond `max_ids` are refused.
@@ -16,24 +18,49 @@ use std::collections::BTreeSet;
 struct LastSeen {
     votes: Vec<Votes>,
     max_ids: SegmentId,
-    has_format: bool,
+    form: Form,
+}
+
+/// What is saved.
+#[derive(Debug)]
+enum Form {
+    Nothing,
+    Votes,
+    Arrays,
 }
 
 impl LastSeen {
     fn new(max_ids: SegmentId) -> Self {
-        Self { votes: Vec::new(), max_ids, has_format: false }
+        Self { votes: Vec::new(), max_ids, form: Form::Nothing }
     }
 }
 
 static LAST_SEEN: MemoryKindDefinition = MemoryKindDefinition {
     name: "last-seen",
     rules: |_| MemoryRules::default(),
-    create: |_, _| Ok(Box::new(LastSeen { has_format: true, ..LastSeen::new(SegmentId::MAX) })),
+    create: |_, _| Ok(Box::new(LastSeen { form: Form::Votes, ..LastSeen::new(SegmentId::MAX) })),
     restore: |settings, saved| match saved.content {
         SplatContent::Evidence { votes } => {
-            Ok(Box::new(LastSeen { votes, has_format: true, ..LastSeen::new(SegmentId::MAX) }))
+            Ok(Box::new(LastSeen { votes, form: Form::Votes, ..LastSeen::new(SegmentId::MAX) }))
         }
-        SplatContent::Features { .. } => Err(saved.unexpected(settings)),
+        _ => Err(saved.unexpected(settings)),
+    },
+};
+
+/// The same, saved in a form of its own.
+static LAST_SEEN_ARRAYS: MemoryKindDefinition = MemoryKindDefinition {
+    name: "last-seen-arrays",
+    rules: |_| MemoryRules::default(),
+    create: |_, _| Ok(Box::new(LastSeen { form: Form::Arrays, ..LastSeen::new(SegmentId::MAX) })),
+    restore: |settings, saved| {
+        let SplatContent::Arrays { arrays } = &saved.content else { return Err(saved.unexpected(settings)) };
+        let damaged = |found| LoadMemoryError::SavedState { path: saved.path.display().to_string(), found };
+        let ids: Vec<SegmentId> = arrays.get("last_ids", &[]).map_err(|error| damaged(error.to_string()))?;
+        if ids.len() != saved.gaussians {
+            return Err(damaged(format!("last_ids: found {} numbers, expected {}", ids.len(), saved.gaussians)));
+        }
+        let votes = ids.into_iter().map(|id| Votes::one(id, 1.0)).collect();
+        Ok(Box::new(LastSeen { votes, form: Form::Arrays, ..LastSeen::new(SegmentId::MAX) }))
     },
 };
 
@@ -118,7 +145,15 @@ impl SegmentStore for LastSeen {
     }
 
     fn content(&self) -> Option<SplatContentView<'_>> {
-        self.has_format.then_some(SplatContentView::Evidence { votes: &self.votes })
+        match self.form {
+            Form::Nothing => None,
+            Form::Votes => Some(SplatContentView::Evidence { votes: &self.votes }),
+            Form::Arrays => {
+                let mut arrays = StateBlock::default();
+                arrays.put("last_ids", &[], self.segment_ids());
+                Some(SplatContentView::Arrays { arrays: Cow::Owned(arrays) })
+            }
+        }
     }
 }
 
@@ -209,4 +244,42 @@ fn a_registered_kind_is_chosen_by_its_name_saved_and_loaded() {
     assert!(error.ends_with(expected), "{error}");
     let file = SplatFile { registered_kind: Some("First seen".to_owned()), ..file };
     assert!(matches!(file.save(&unknown), Err(SplatFileError::Header { .. })));
+    a_form_of_its_own_is_saved_and_loaded();
+}
+
+/// Part of the test before: kinds are registered for the whole program.
+fn a_form_of_its_own_is_saved_and_loaded() {
+    register_memory_kind(&LAST_SEEN_ARRAYS).unwrap();
+    let settings: MemorySettings = toml::from_str("kind = 'last-seen-arrays'").unwrap();
+    let mut memory = SplatMemory::new(settings.clone(), 0, &mut |_| {}).unwrap();
+    assert_eq!((memory.new_segment().unwrap(), memory.new_segment().unwrap()), (1, 2));
+    let frame = frame(0.0);
+    memory.update(memory.recall(&frame), &halves(1, 2), &BTreeSet::new()).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let [path, again, damaged] = ["map.ply", "again.ply", "damaged.ply"].map(|name| folder.path().join(name));
+    memory.save(&path).unwrap();
+    let loaded = SplatMemory::load(&path, settings.clone()).unwrap();
+    assert_eq!(shown(&loaded, &frame), shown(&memory, &frame));
+    loaded.save(&again).unwrap();
+    let bytes = std::fs::read(&path).unwrap();
+    assert_eq!(std::fs::read(&again).unwrap(), bytes);
+    assert_eq!(SavedMemorySettings::read(&path).unwrap().kind, settings.kind);
+    let error = SplatMemory::load(&path, MemorySettings::default()).unwrap_err().to_string();
+    assert!(error.contains("last-seen-arrays") && error.contains("evidence"), "{error}");
+
+    // Viewers and exports need none of it.
+    let file = SplatFile::load(&path).unwrap();
+    assert!(file.gaussians().all(|gaussian| gaussian.confidence == 1.0) && file.content.name() == "arrays");
+    let SplatContent::Arrays { mut arrays } = file.content.clone() else { panic!("no arrays") };
+    arrays.put("last_ids", &[], [1_u32]);
+    SplatFile { content: SplatContent::Arrays { arrays }, ..file.clone() }.save(&damaged).unwrap();
+    let error = SplatMemory::load(&damaged, settings).unwrap_err().to_string();
+    assert!(error.contains("last_ids: found 1 numbers"), "{error}");
+    // Arrays are somebody's.
+    let nobodys = SplatFile { registered_kind: None, ..file };
+    assert!(matches!(nobodys.save(&damaged), Err(SplatFileError::Header { .. })));
+    let text = b"comment kind last-seen-arrays\n";
+    let start = bytes.windows(text.len()).position(|part| part == text).unwrap();
+    std::fs::write(&damaged, [&bytes[..start], &bytes[start + text.len()..]].concat()).unwrap();
+    assert!(matches!(SavedMemorySettings::read(&damaged), Err(SplatFileError::Header { .. })));
 }

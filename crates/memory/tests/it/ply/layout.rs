@@ -68,6 +68,7 @@ fn viewers_find_their_properties() {
                 assert_eq!(value("votes_2"), slots[2].1);
             }
             SplatContent::Features { features, .. } => assert_eq!(value("feature_1"), features[2 * FEATURE_DIM + 1]),
+            SplatContent::Arrays { .. } => panic!("not made here"),
         }
         assert_eq!(4 * properties.len(), record_bytes(kind));
         assert_eq!(properties[COMMON_PROPERTIES].1, own.split(' ').next().unwrap());

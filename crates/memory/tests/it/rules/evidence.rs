@@ -51,7 +51,7 @@ fn votes_of(run: &Run) -> Vec<Votes> {
     run.memory.save(&path).unwrap();
     match SplatFile::load(&path).unwrap().content {
         SplatContent::Evidence { votes } => votes,
-        SplatContent::Features { .. } => panic!("a memory of evidence"),
+        _ => panic!("a memory of evidence"),
     }
 }
 

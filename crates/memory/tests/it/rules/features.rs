@@ -66,7 +66,7 @@ fn saved(run: &Run) -> (Vec<f32>, Codebook) {
     run.memory.save(&path).unwrap();
     match SplatFile::load(&path).unwrap().content {
         SplatContent::Features { features, codebook } => (features, codebook),
-        SplatContent::Evidence { .. } => panic!("a memory of features"),
+        _ => panic!("a memory of features"),
     }
 }
 
