@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-const ROOM: &str = "synthetic:frames=90,width=96,height=72,objects=8,noise=kinect";
+const ROOM: &str = "synthetic:frames=54,width=96,height=72,objects=8,noise=kinect";
 
 fn run(out: &Path, more: &[&str]) -> Ended {
     finish(splatseg().args(["run", ROOM, "--out"]).arg(out).args(more))
@@ -87,9 +87,17 @@ fn a_run_killed_before_its_first_state_starts_anew() {
 
 #[test]
 fn a_resumed_run_writes_the_same_bytes() {
+    resumed_runs_write_the_same_bytes([&["--set", "memory.kind=evidence"], &["--poses", "track"]]);
+}
+
+#[test]
+fn a_resumed_run_of_features_or_of_all_new_things_writes_the_same_bytes() {
+    resumed_runs_write_the_same_bytes([&FEATURES, &["--set", "min_new_fraction=0"]]);
+}
+
+fn resumed_runs_write_the_same_bytes(kinds: [&[&str]; 2]) {
     let folder = tempfile::tempdir().unwrap();
-    let all_new = ["--set", "min_new_fraction=0"];
-    for kind in [&["--set", "memory.kind=evidence"][..], &FEATURES, &all_new, &["--poses", "track"]] {
+    for kind in kinds {
         let (whole, memory) = (folder.path().join("whole"), folder.path().join("whole.ply"));
         let [whole_mcap, mcap] = ["whole.mcap", "out.mcap"].map(|name| folder.path().join(name));
         let [whole_coco, coco] = ["whole.json", "out.json"].map(|name| folder.path().join(name));
