@@ -1,7 +1,8 @@
 //! The space above the floor according to rays of depth images, in columns of small boxes.
 
 use crate::floor_heights::FloorHeights;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
+use std::f32::consts::TAU;
 
 /// Height of a box, metres.
 const BOX: f32 = 0.1;
@@ -26,6 +27,17 @@ const PASSED: (u32, u32) = (20, 10);
 const SURE: u32 = 8;
 /// The surface is at most this far above or below the points on it, metres.
 const SURFACE: f32 = 0.005;
+
+/// Sectors of the compass.
+const SECTORS: u32 = 16;
+/// Cosine of the angle between two directions of one side.
+const SIDE: f32 = 0.5;
+
+/// The sector of a direction.
+fn sector(direction: Vec2) -> u32 {
+    let part = (direction.to_angle() / TAU).rem_euclid(1.0);
+    ((part * SECTORS as f32) as u32).min(SECTORS - 1)
+}
 
 /// The boxes above a cell, from the lowest height of obstacles up.
 #[derive(Clone, Copy, Debug)]
@@ -54,6 +66,8 @@ pub(crate) struct Columns {
     /// Number of a block in `boxes`, plus 1; 0 if it has none.
     blocks: Vec<u32>,
     boxes: Vec<SpaceBox>,
+    /// For each cell the compass sectors, one bit each, that its points were seen from.
+    seen_from: Vec<u16>,
     levels: usize,
     base: f32,
     floor: FloorHeights,
@@ -85,7 +99,8 @@ impl Columns {
         let levels = ((max_height.max(LEAST_TOP) - min_height) / BOX).ceil().max(1.0) as usize;
         let (blocks_across, blocks_up) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
         let blocks = vec![0; blocks_across * blocks_up];
-        Self { resolution, width, height, blocks_across, blocks, boxes: Vec::new(), levels, base: min_height, floor }
+        let (boxes, seen_from) = (Vec::new(), vec![0; width * height]);
+        Self { resolution, width, height, blocks_across, blocks, boxes, seen_from, levels, base: min_height, floor }
     }
 
     /// The bytes that columns over such an area may take.
@@ -161,8 +176,8 @@ impl Columns {
         }
     }
 
-    /// Adds a measured point. It counts if the map has a surface there.
-    pub(crate) fn add_point(&mut self, point: Vec3) {
+    /// Adds a point that was measured from a camera. It counts if the map has a surface there.
+    pub(crate) fn add_point(&mut self, camera: Vec3, point: Vec3) {
         let (Some(cell), Some(level)) = (self.cell(point), self.above_floor(point).and_then(|above| self.level(above)))
         else {
             return;
@@ -173,7 +188,16 @@ impl Columns {
         if space.is_confirmed {
             space.hits = space.hits.saturating_add(1);
             space.add_surface(height);
+            self.seen_from[cell.1 * self.width + cell.0] |= 1 << sector((camera - point).truncate());
         }
+    }
+
+    /// True if a point in the column was measured from the side of `direction`: at most about 60 degrees from it, seen
+    /// from above.
+    pub(crate) fn is_seen_from(&self, (column, row): (usize, usize), direction: Vec2) -> bool {
+        let from = self.seen_from[row * self.width + column];
+        let side = |number: u32| Vec2::from_angle((number as f32 + 0.5) / SECTORS as f32 * TAU);
+        (0..SECTORS).any(|number| from & (1 << number) != 0 && side(number).dot(direction) >= SIDE * direction.length())
     }
 
     /// Adds the ray from the camera to a measured point, after all points.
@@ -296,7 +320,7 @@ mod tests {
         for index in 0..144 {
             let point = Vec3::new(0.425 + (index % 12) as f32 * 0.05, 0.425 + (index / 12) as f32 * 0.05, 0.73);
             columns.add_gaussian(point, 0.02);
-            (0..SURE).for_each(|_| columns.add_point(point));
+            (0..SURE).for_each(|_| columns.add_point(Vec3::new(0.0, 0.5, 1.5), point));
         }
         columns
     }
@@ -317,5 +341,16 @@ mod tests {
         assert!(is_obstacle(&columns, (10, 10)), "in the box of the table's top, but above it");
         add_rays(&mut columns, 0.75, 0.70);
         assert!(!is_obstacle(&columns, (10, 10)) && is_obstacle(&columns, (10, 12)));
+    }
+
+    #[test]
+    fn what_was_seen_has_sides() {
+        let columns = with_table();
+        // From the left of the plan.
+        let seen = |direction: [f32; 2]| columns.is_seen_from((10, 10), Vec2::from_array(direction));
+        assert!(seen([-1.0, 0.0]) && seen([-1.0, 1.0]) && seen([-3.0, -3.0]));
+        assert!(!seen([1.0, 0.0]) && !seen([0.0, 1.0]) && !seen([0.0, -1.0]));
+        assert!(!columns.is_seen_from((2, 2), Vec2::new(-1.0, 0.0)), "nothing is there");
+        assert_eq!([sector(Vec2::X), sector(Vec2::NEG_ONE), sector(Vec2::new(1.0, -1e-9))], [0, 10, 15]);
     }
 }

@@ -66,7 +66,7 @@ impl Occupancy {
             .into_par_iter()
             .map(|cell| columns.content(shape.column_row(cell), heights.1, TALL))
             .collect();
-        let mut cells = cells_of(&shape, &content, &seen);
+        let mut cells = cells_of(&shape, &content, &seen, &columns);
         remove_gaps(&mut cells, &shape);
         if settings.free_path > 0.0 {
             free_path(&mut cells, &shape, &content, &camera_path(views, &frame), settings.free_path);
@@ -77,12 +77,18 @@ impl Occupancy {
 }
 
 /// The state of each cell. Near obstacles, rays must have passed above the floor, too: it is also seen below the far
-/// side of things whose near side hides how far they reach.
-fn cells_of(shape: &GridShape, columns: &[ColumnContent], seen: &FloorSeen) -> Vec<Cell> {
+/// side of things whose near side hides how far they reach. And a thing beside the cell must have been seen from there:
+/// the far side of a ball may reach above the floor that was seen.
+fn cells_of(shape: &GridShape, columns: &[ColumnContent], seen: &FloorSeen, space: &Columns) -> Vec<Cell> {
     let apart = distances(shape, |cell| columns[cell].is_obstacle);
+    let is_hidden = |cell: usize| {
+        let mut things = shape.beside(cell).filter(|other| columns[*other].is_obstacle).peekable();
+        let side = |thing: usize| (shape.center(cell) - shape.center(thing)).as_vec2();
+        things.peek().is_some() && !things.any(|thing| space.is_seen_from(shape.column_row(thing), side(thing)))
+    };
     let kind = |cell: usize| {
         let (content, near) = (&columns[cell], apart[cell] * shape.resolution <= HIDDEN);
-        let is_doubtful = content.is_doubtful || near && !content.is_open_below;
+        let is_doubtful = content.is_doubtful || near && !content.is_open_below || is_hidden(cell);
         match (content.is_obstacle, seen.seen[cell] > 0 && !is_doubtful) {
             (true, _) => Cell::Occupied,
             (false, true) => Cell::Free,
@@ -167,10 +173,10 @@ fn add_gaussians(columns: &mut Columns, map: &MapView<'_>, frame: &PlanFrame, co
 }
 
 fn add_points(columns: &mut Columns, points: &DepthPoints) {
-    points.edges.iter().for_each(|point| columns.add_point(*point));
+    points.edges.iter().for_each(|point| columns.add_point(points.camera, *point));
     let measured =
         (0..points.height).flat_map(|row| (0..points.width).filter_map(move |column| points.at(column, row)));
-    measured.for_each(|point| columns.add_point(point));
+    measured.for_each(|point| columns.add_point(points.camera, point));
 }
 
 fn add_rays(columns: &mut Columns, points: &DepthPoints) {
