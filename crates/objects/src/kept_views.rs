@@ -197,7 +197,7 @@ impl KeptViews {
         let Some(view) = view.filter(|view| view.mask.pixels().contains(&true)) else { return };
         let mut object = self.remove(id).unwrap_or_default();
         object.last_frame = sighting.last_frame;
-        object.put(&place, KeptView { view, score, surface, gain: 0.0 }, self.most);
+        object.put(&place, KeptView { view, score, surface: surface.widened(), gain: 0.0 }, self.most);
         self.insert(id, object);
     }
 

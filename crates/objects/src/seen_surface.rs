@@ -2,9 +2,8 @@
 
 use crate::BoundingBox;
 use crate::kept_views::ViewedFrame;
-use glam::{IVec3, Vec2};
+use glam::Vec2;
 use splatseg_geometry::SegmentId;
-use std::collections::BTreeSet;
 
 /// Side of the smallest cells, metres. Those of level `n` are `2^n` times as wide.
 const SMALLEST_CELL: f32 = 0.02;
@@ -18,9 +17,11 @@ const SAMPLES_PER_CELL: f32 = 1.5;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SeenSurface {
     level: i32,
-    cells: BTreeSet<[i32; 3]>,
-    /// These and the cells around them: a measured surface is not exact.
-    wide: BTreeSet<[i32; 3]>,
+    /// In ascending order.
+    cells: Vec<[i32; 3]>,
+    /// These and the cells around them, in ascending order: a measured surface is not exact. Empty until [`Self::widened`]:
+    /// most views are only compared with those that are kept.
+    wide: Vec<[i32; 3]>,
 }
 
 impl SeenSurface {
@@ -51,19 +52,24 @@ impl SeenSurface {
         let level = (SAMPLES_PER_CELL * apart / SMALLEST_CELL).log2().ceil() as i32;
         let level = level.clamp(0, MAX_LEVEL);
         let side = f64::from(SMALLEST_CELL) * f64::from(1 << level);
-        Self::new(level, points.into_iter().map(|point| (point / side).floor().as_ivec3().to_array()).collect())
+        let cells = points.into_iter().map(|point| (point / side).floor().as_ivec3().to_array());
+        Self { level, cells: distinct(cells.collect()), wide: Vec::new() }
     }
 
-    fn new(level: i32, cells: BTreeSet<[i32; 3]>) -> Self {
-        let around = |cell: &[i32; 3]| {
-            let cell = IVec3::from_array(*cell);
-            (0..27).map(move |place| {
-                let offset = IVec3::new(place % 3, place / 3 % 3, place / 9) - IVec3::ONE;
-                cell.saturating_add(offset).to_array()
-            })
+    /// Ready for other views to be compared with it.
+    pub(crate) fn widened(mut self) -> Self {
+        let beside = |cells: Vec<[i32; 3]>, axis: usize| {
+            let all = cells.into_iter().flat_map(|cell| {
+                [-1, 0, 1].map(|step| {
+                    let mut other = cell;
+                    other[axis] = other[axis].saturating_add(step);
+                    other
+                })
+            });
+            distinct(all.collect())
         };
-        let wide = cells.iter().flat_map(around).collect();
-        Self { level, cells, wide }
+        self.wide = (0..3).fold(self.cells.clone(), beside);
+        self
     }
 
     /// Number of its cells.
@@ -76,22 +82,29 @@ impl SeenSurface {
         4 * (self.cells.len() + self.wide.len())
     }
 
-    /// For each other view, whether it shows each cell of this one.
+    /// For each other view, which must be [widened](Self::widened), whether it shows each cell of this one.
     pub(crate) fn shown_by<'o>(&self, others: impl Iterator<Item = &'o Self>) -> Vec<Vec<bool>> {
         others.map(|other| self.cells_in(other)).collect()
     }
 
     fn cells_in(&self, other: &Self) -> Vec<bool> {
-        let coarser = |cells: &BTreeSet<[i32; 3]>, levels: i32| -> Vec<[i32; 3]> {
+        let coarser = |cells: &[[i32; 3]], levels: i32| -> Vec<[i32; 3]> {
             cells.iter().map(|cell| cell.map(|place| place >> levels)).collect()
         };
         if self.level <= other.level {
             let cells = coarser(&self.cells, other.level - self.level);
-            return cells.iter().map(|cell| other.wide.contains(cell)).collect();
+            return cells.iter().map(|cell| other.wide.binary_search(cell).is_ok()).collect();
         }
-        let wide: BTreeSet<[i32; 3]> = coarser(&other.wide, self.level - other.level).into_iter().collect();
-        self.cells.iter().map(|cell| wide.contains(cell)).collect()
+        let wide = distinct(coarser(&other.wide, self.level - other.level));
+        self.cells.iter().map(|cell| wide.binary_search(cell).is_ok()).collect()
     }
+}
+
+/// Each cell once, in ascending order.
+fn distinct(mut cells: Vec<[i32; 3]>) -> Vec<[i32; 3]> {
+    cells.sort_unstable();
+    cells.dedup();
+    cells
 }
 
 /// The share of a view's cells that no other view shows, but for one that is left out. `shown` is as of
