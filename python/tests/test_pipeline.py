@@ -277,7 +277,10 @@ def test_others_work_while_it_computes():
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_ctrl_c_ends_a_program():
+    # A shell makes background processes ignore SIGINT, and their children inherit it.
     program = f"""
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
 import splatseg as ss
 pipeline = ss.FastSamSplat(segmenter="graph")
 frame = ss.open_scene("{ROOM}")[0]
