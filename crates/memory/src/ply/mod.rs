@@ -171,7 +171,7 @@ pub enum SplatContent {
     },
     /// A memory of a kind that another crate has registered, in a form of its own.
     Arrays {
-        /// What they mean is the kind's business.
+        /// Only the kind knows what they mean.
         arrays: StateBlock,
     },
 }
@@ -218,7 +218,7 @@ pub enum SplatContentView<'a> {
     },
     /// A memory of a kind that another crate has registered, in a form of its own.
     Arrays {
-        /// What they mean is the kind's business. Owned if they are made to be saved.
+        /// Only the kind knows what they mean. Owned if they are made to be saved.
         arrays: Cow<'a, StateBlock>,
     },
 }

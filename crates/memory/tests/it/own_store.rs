@@ -275,9 +275,9 @@ fn a_form_of_its_own_is_saved_and_loaded() {
     SplatFile { content: SplatContent::Arrays { arrays }, ..file.clone() }.save(&damaged).unwrap();
     let error = SplatMemory::load(&damaged, settings).unwrap_err().to_string();
     assert!(error.contains("last_ids: found 1 numbers"), "{error}");
-    // Arrays are somebody's.
-    let nobodys = SplatFile { registered_kind: None, ..file };
-    assert!(matches!(nobodys.save(&damaged), Err(SplatFileError::Header { .. })));
+    // Arrays without the name of their kind are refused.
+    let unnamed = SplatFile { registered_kind: None, ..file };
+    assert!(matches!(unnamed.save(&damaged), Err(SplatFileError::Header { .. })));
     let text = b"comment kind last-seen-arrays\n";
     let start = bytes.windows(text.len()).position(|part| part == text).unwrap();
     std::fs::write(&damaged, [&bytes[..start], &bytes[start + text.len()..]].concat()).unwrap();
