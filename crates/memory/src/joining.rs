@@ -47,122 +47,98 @@ impl JoinedIds {
 /// the halves of four videos (tools/compare_merge.py): 96 % of the things were united, and 82 % with the rule for loops.
 const OF_TWO_MAPS: SameObject = SameObject { min_iou: 0.25, min_share: 0.05 };
 
-impl SplatMemory {
-    /// Adds the Gaussians and ids of a later map of the same place, whose world coordinates must be those of this map: see
-    /// [`Self::correct`]. `first_keyframe` is added to the numbers of its keyframes.
-    ///
-    /// Surfaces that both maps have become one, as after a loop: Gaussians of the later map add their votes to those of
-    /// this one. Ids of the two maps that overlap there become this map's ids, and so do those in `same` (`from` is an id
-    /// of the later map, `into` one of this map). The others get new ids.
-    ///
-    /// # Errors
-    /// [`MemoryError::CannotJoin`] if one of the maps does not remember votes.
-    pub fn join(
-        &mut self,
-        mut later: Self,
-        first_keyframe: KeyframeId,
-        same: &[RemappedId],
-    ) -> Result<JoinedIds, MemoryError> {
-        if !self.store.can_remap() || !later.store.can_remap() {
-            return Err(MemoryError::CannotJoin);
-        }
-        let own_count = self.map.len();
-        let given = self.new_ids(&later)?;
-        later.store.remap(&given);
-        later.patches.remap(&given);
-        self.append(later, first_keyframe, &given)?;
-        let known = same.iter().filter_map(|same| Some(RemappedId { from: *given.get(&same.from)?, into: same.into }));
-        let mut remapped: Vec<RemappedId> = known.collect();
-        self.remap(&remapped);
-        remapped.extend(self.join_doubles(own_count));
-        // No frame has ever shown these ids.
-        let new: BTreeSet<SegmentId> = given.values().copied().collect();
-        self.remapped.retain(|from, _| !new.contains(from));
-        self.patches.renumber();
-        self.release_ids(true);
-        Ok(JoinedIds { given, remapped })
+/// Joins a later map: see [`SplatMemory::join`].
+pub(crate) fn join(
+    memory: &mut SplatMemory,
+    mut later: SplatMemory,
+    first_keyframe: KeyframeId,
+    same: &[RemappedId],
+) -> Result<JoinedIds, MemoryError> {
+    if !memory.store.can_remap() || !later.store.can_remap() {
+        return Err(MemoryError::CannotJoin);
     }
+    let own_count = memory.map.len();
+    let given = new_ids(memory, &later)?;
+    later.store.remap(&given);
+    later.patches.remap(&given);
+    append(memory, later, first_keyframe, &given)?;
+    let known = same.iter().filter_map(|same| Some(RemappedId { from: *given.get(&same.from)?, into: same.into }));
+    let mut remapped: Vec<RemappedId> = known.collect();
+    memory.remap(&remapped);
+    remapped.extend(join_doubles(memory, own_count));
+    // No frame has ever shown these ids.
+    let new: BTreeSet<SegmentId> = given.values().copied().collect();
+    memory.remapped.retain(|from, _| !new.contains(from));
+    memory.patches.renumber();
+    memory.release_ids(true);
+    Ok(JoinedIds { given, remapped })
+}
 
-    /// True if this kind of memory can be joined with another one: it remembers votes.
-    pub fn can_join(&self) -> bool {
-        self.store.can_remap()
+/// A new id for each id of another map.
+fn new_ids(memory: &mut SplatMemory, other: &SplatMemory) -> Result<BTreeMap<SegmentId, SegmentId>, MemoryError> {
+    let live = other.segments.saved_live();
+    let sightings: BTreeMap<SegmentId, u32> = live.iter().map(|live| (live.id, live.sightings)).collect();
+    let mut ids: BTreeSet<SegmentId> = sightings.keys().copied().collect();
+    ids.extend(other.patches.ids());
+    let mut names = BTreeMap::new();
+    for id in ids {
+        let new = memory.new_segment()?;
+        memory.segments.recount(new, 0, sightings.get(&id).copied().unwrap_or(0));
+        names.insert(id, new);
     }
+    Ok(names)
+}
 
-    /// Removes the Gaussians for which `keep` is false.
-    pub fn keep_gaussians(&mut self, keep: &[bool]) {
-        self.retain(keep);
-        self.release_ids(true);
+/// Appends another map, whose ids were replaced already.
+fn append(
+    memory: &mut SplatMemory,
+    later: SplatMemory,
+    first_keyframe: KeyframeId,
+    names: &BTreeMap<SegmentId, SegmentId>,
+) -> Result<(), MemoryError> {
+    let content = later.store.content().ok_or(MemoryError::CannotJoin)?;
+    if !memory.store.append(content) {
+        return Err(MemoryError::CannotJoin);
     }
+    let moved = change_of_origin(&Pose::IDENTITY, later.origin, memory.origin);
+    let map = &mut memory.map;
+    map.balls.means.extend(later.map.balls.means.iter().map(|mean| moved.to_world(*mean)));
+    map.balls.radii.extend(&later.map.balls.radii);
+    map.colors.extend(&later.map.colors);
+    map.last_seen.extend(later.map.last_seen.iter().map(|frame| frame.saturating_add(memory.frames)));
+    map.seen_through.extend(&later.map.seen_through);
+    map.anchors.extend(later.map.anchors.iter().map(|anchor| anchor.saturating_add(first_keyframe)));
+    map.surfaces.extend(&later.map.surfaces);
+    memory.patches.append(later.patches);
+    memory.co_visible.append(&later.co_visible, names);
+    memory.frames = memory.frames.saturating_add(later.frames);
+    // Of the last frames of which run?
+    memory.recent = RecentFrames::default();
+    Ok(())
+}
 
-    /// A new id for each id of another map.
-    fn new_ids(&mut self, other: &Self) -> Result<BTreeMap<SegmentId, SegmentId>, MemoryError> {
-        let live = other.segments.saved_live();
-        let sightings: BTreeMap<SegmentId, u32> = live.iter().map(|live| (live.id, live.sightings)).collect();
-        let mut ids: BTreeSet<SegmentId> = sightings.keys().copied().collect();
-        ids.extend(other.patches.ids());
-        let mut names = BTreeMap::new();
-        for id in ids {
-            let new = self.new_segment()?;
-            self.segments.recount(new, 0, sightings.get(&id).copied().unwrap_or(0));
-            names.insert(id, new);
-        }
-        Ok(names)
-    }
+/// Joins the surfaces and ids that the first `own_count` Gaussians and the others both have.
+fn join_doubles(memory: &mut SplatMemory, own_count: usize) -> Vec<RemappedId> {
+    let means = &memory.map.balls.means;
+    let before: Vec<Vec3> =
+        means.iter().enumerate().map(|(index, mean)| if index < own_count { *mean } else { *mean + APART }).collect();
+    join_surfaces(memory, &before, OF_TWO_MAPS)
+}
 
-    /// Appends another map, whose ids were replaced already.
-    fn append(
-        &mut self,
-        later: Self,
-        first_keyframe: KeyframeId,
-        names: &BTreeMap<SegmentId, SegmentId>,
-    ) -> Result<(), MemoryError> {
-        let content = later.store.content().ok_or(MemoryError::CannotJoin)?;
-        if !self.store.append(content) {
-            return Err(MemoryError::CannotJoin);
-        }
-        let moved = change_of_origin(&Pose::IDENTITY, later.origin, self.origin);
-        let map = &mut self.map;
-        map.balls.means.extend(later.map.balls.means.iter().map(|mean| moved.to_world(*mean)));
-        map.balls.radii.extend(&later.map.balls.radii);
-        map.colors.extend(&later.map.colors);
-        map.last_seen.extend(later.map.last_seen.iter().map(|frame| frame.saturating_add(self.frames)));
-        map.seen_through.extend(&later.map.seen_through);
-        map.anchors.extend(later.map.anchors.iter().map(|anchor| anchor.saturating_add(first_keyframe)));
-        map.surfaces.extend(&later.map.surfaces);
-        self.patches.append(later.patches);
-        self.co_visible.append(&later.co_visible, names);
-        self.frames = self.frames.saturating_add(later.frames);
-        // Of the last frames of which run?
-        self.recent = RecentFrames::default();
-        Ok(())
+/// Joins the surfaces that are there twice since the Gaussians have moved, and the ids on them. `before` contains the
+/// centres before, metres.
+pub(crate) fn join_surfaces(memory: &mut SplatMemory, before: &[Vec3], rule: SameObject) -> Vec<RemappedId> {
+    let balls = &memory.map.balls;
+    let corrected = Corrected { before, means: &balls.means, radii: &balls.radii, anchors: &memory.map.anchors };
+    let doubles = corrected.doubles();
+    if doubles.is_empty() {
+        return Vec::new();
     }
-
-    /// Joins the surfaces and ids that the first `own_count` Gaussians and the others both have.
-    fn join_doubles(&mut self, own_count: usize) -> Vec<RemappedId> {
-        let means = &self.map.balls.means;
-        let before: Vec<Vec3> = means
-            .iter()
-            .enumerate()
-            .map(|(index, mean)| if index < own_count { *mean } else { *mean + APART })
-            .collect();
-        self.join_surfaces(&before, OF_TWO_MAPS)
-    }
-
-    /// Joins the surfaces that are there twice since the Gaussians have moved, and the ids on them. `before` contains the
-    /// centres before, metres.
-    pub(crate) fn join_surfaces(&mut self, before: &[Vec3], rule: SameObject) -> Vec<RemappedId> {
-        let balls = &self.map.balls;
-        let corrected = Corrected { before, means: &balls.means, radii: &balls.radii, anchors: &self.map.anchors };
-        let doubles = corrected.doubles();
-        if doubles.is_empty() {
-            return Vec::new();
-        }
-        let remapped = same_objects(&doubles, &self.store.segment_ids(), &balls.radii, &self.co_visible, rule);
-        self.remap(&remapped);
-        let keep = merge_doubles(&mut self.map, self.store.as_mut(), &doubles);
-        let merged = doubles.iter().filter(|double| !keep[double.later]);
-        self.patches.absorb(&merged.map(|double| (double.later, double.earlier)).collect::<Vec<_>>());
-        self.retain(&keep);
-        remapped
-    }
+    let remapped = same_objects(&doubles, &memory.store.segment_ids(), &balls.radii, &memory.co_visible, rule);
+    memory.remap(&remapped);
+    let keep = merge_doubles(&mut memory.map, memory.store.as_mut(), &doubles);
+    let merged = doubles.iter().filter(|double| !keep[double.later]);
+    memory.patches.absorb(&merged.map(|double| (double.later, double.earlier)).collect::<Vec<_>>());
+    memory.retain(&keep);
+    remapped
 }

@@ -23,7 +23,6 @@ mod features;
 mod growth;
 mod joining;
 mod kind_definitions;
-mod last_seen;
 mod map;
 mod memory_kind;
 mod memory_rules;

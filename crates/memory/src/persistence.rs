@@ -24,124 +24,84 @@ pub struct Attached<'a> {
     pub history: Option<&'a [u8]>,
 }
 
-impl SplatMemory {
-    /// Writes the memory to a PLY file that splat viewers open, replacing any file at `path`.
-    ///
-    /// Besides the usual 3DGS properties, each Gaussian has its votes or feature and the `segment_id` that it shows by
-    /// itself.
-    ///
-    /// # Errors
-    /// If the file cannot be written, the kind of memory has no file format, a part is larger than [`Self::load`] reads, or
-    /// something attached is no [`StateBlock`]. No partial file is left.
-    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
-        self.save_with(path, Attached::default())
-    }
+/// Writes a memory to a PLY file: see [`SplatMemory::save_with`].
+pub(crate) fn save(memory: &SplatMemory, path: &Path, attached: Attached<'_>) -> Result<(), SplatFileError> {
+    let no_format = || SplatFileError::NoFormat { path: path.to_owned() };
+    let content = memory.store.content().ok_or_else(no_format)?;
+    let attached_block = |bytes: Option<&[u8]>| {
+        let block = bytes.map_or(Ok(StateBlock::default()), StateBlock::from_bytes);
+        block.map_err(|error| SplatFileError::State { path: path.to_owned(), found: error.to_string() })
+    };
+    let segment_ids = memory.store.segment_ids();
+    let live = memory.segments.saved_live();
+    let ids: Vec<SegmentId> = live.iter().map(|segment| segment.id).collect();
+    let sightings: Vec<u32> = live.iter().map(|segment| segment.sightings).collect();
+    let carried: Vec<bool> = live.iter().map(|segment| segment.carried).collect();
+    let is_observed = memory.map.surfaces.iter().all(|surface| *surface == SurfaceKind::Observed);
+    let (together, crowded) = memory.co_visible.saved();
+    let saved_state = SavedState {
+        ids: memory.segments.saved_ids(),
+        patches: memory.patches.saved(),
+        recent: memory.recent.saved(),
+        anchors: runs(&memory.map.anchors),
+        surfaces: if is_observed { Vec::new() } else { runs(&memory.map.surfaces) },
+        together,
+        crowded,
+        remapped: memory.remapped.iter().map(|(from, into)| [*from, *into]).collect(),
+        keyframes: attached_block(attached.keyframes)?,
+        names: attached_block(attached.names)?,
+        history: attached_block(attached.history)?,
+    };
+    let saved_state = saved_state.into_block();
+    let view = SplatFileView {
+        origin: memory.origin,
+        map: &memory.map,
+        content,
+        registered_kind: memory.settings.kind.registered_name(),
+        segment_ids: &segment_ids,
+        ids: &ids,
+        sightings: &sightings,
+        carried: &carried,
+        frames: memory.frames,
+        saved_state: &saved_state,
+    };
+    view.save(path)
+}
 
-    /// As [`Self::save`], with what other parts of a pipeline know about the map.
-    ///
-    /// # Errors
-    /// As [`Self::save`].
-    pub fn save_with(&self, path: impl AsRef<Path>, attached: Attached<'_>) -> Result<(), SplatFileError> {
-        let no_format = || SplatFileError::NoFormat { path: path.as_ref().to_owned() };
-        let content = self.store.content().ok_or_else(no_format)?;
-        let attached_block = |bytes: Option<&[u8]>| {
-            let block = bytes.map_or(Ok(StateBlock::default()), StateBlock::from_bytes);
-            block.map_err(|error| SplatFileError::State { path: path.as_ref().to_owned(), found: error.to_string() })
-        };
-        let segment_ids = self.store.segment_ids();
-        let live = self.segments.saved_live();
-        let ids: Vec<SegmentId> = live.iter().map(|segment| segment.id).collect();
-        let sightings: Vec<u32> = live.iter().map(|segment| segment.sightings).collect();
-        let carried: Vec<bool> = live.iter().map(|segment| segment.carried).collect();
-        let is_observed = self.map.surfaces.iter().all(|surface| *surface == SurfaceKind::Observed);
-        let (together, crowded) = self.co_visible.saved();
-        let saved_state = SavedState {
-            ids: self.segments.saved_ids(),
-            patches: self.patches.saved(),
-            recent: self.recent.saved(),
-            anchors: runs(&self.map.anchors),
-            surfaces: if is_observed { Vec::new() } else { runs(&self.map.surfaces) },
-            together,
-            crowded,
-            remapped: self.remapped.iter().map(|(from, into)| [*from, *into]).collect(),
-            keyframes: attached_block(attached.keyframes)?,
-            names: attached_block(attached.names)?,
-            history: attached_block(attached.history)?,
-        };
-        let saved_state = saved_state.into_block();
-        let view = SplatFileView {
-            origin: self.origin,
-            map: &self.map,
-            content,
-            registered_kind: self.settings.kind.registered_name(),
-            segment_ids: &segment_ids,
-            ids: &ids,
-            sightings: &sightings,
-            carried: &carried,
-            frames: self.frames,
-            saved_state: &saved_state,
-        };
-        view.save(path.as_ref())
+/// Loads a saved memory: see [`SplatMemory::load`].
+pub(crate) fn load(path: &Path, settings: MemorySettings) -> Result<SplatMemory, LoadMemoryError> {
+    settings.validate().map_err(MemoryError::from)?;
+    let file = SplatFile::load(path)?;
+    if let Some(found) = file.registered_kind.clone().filter(|name| name != settings.kind.name()) {
+        let (path, expected) = (path.display().to_string(), settings.kind.name());
+        return Err(LoadMemoryError::Kind { path, found, expected });
     }
-
-    /// Loads a saved memory, to continue as if the run had not ended. Ids keep their meaning. `settings` are the
-    /// settings of the new run.
-    ///
-    /// # Errors
-    /// If the file is damaged or not a splatseg memory, or its kind or feature dimension differs from the settings.
-    pub fn load(path: impl AsRef<Path>, settings: MemorySettings) -> Result<Self, LoadMemoryError> {
-        settings.validate().map_err(MemoryError::from)?;
-        let path = path.as_ref();
-        let file = SplatFile::load(path)?;
-        if let Some(found) = file.registered_kind.clone().filter(|name| name != settings.kind.name()) {
-            let (path, expected) = (path.display().to_string(), settings.kind.name());
-            return Err(LoadMemoryError::Kind { path, found, expected });
-        }
-        let SplatFile { origin, mut map, content, ids, sightings, carried, frames, saved_state, .. } = file;
-        let live = ids.into_iter().zip(sightings).zip(carried);
-        let live: Vec<SavedSegment> =
-            live.map(|((id, sightings), carried)| SavedSegment { id, sightings, carried }).collect();
-        let largest_id = settings.kind.rules(&settings).largest_id;
-        let saved = SavedState::from_block(saved_state).map_err(|error| error.to_string());
-        let restored = saved.and_then(|saved| {
-            let segments = Segments::restored(&live, saved.ids.clone(), largest_id)?;
-            let recent = RecentFrames::restored(saved.recent, segments.highest())?;
-            map.anchors = restored_runs("keyframes", &saved.anchors, map.len(), 0)?;
-            map.surfaces = restored_runs("surfaces", &saved.surfaces, map.len(), SurfaceKind::Observed)?;
-            let patches = PatchGraph::restored(saved.patches, map.len(), segments.highest())?;
-            let together = CoVisibleIds::restored((saved.together, saved.crowded));
-            let bytes = |block: StateBlock| (!block.is_empty()).then(|| block.to_bytes()).transpose();
-            let attached = bytes(saved.keyframes)
-                .and_then(|keyframes| Ok((keyframes, bytes(saved.names)?, bytes(saved.history)?)));
-            Ok((segments, patches, recent, together, saved.remapped, attached.map_err(|error| error.to_string())?))
-        });
-        let damaged = |found| LoadMemoryError::SavedState { path: path.display().to_string(), found };
-        let (segments, patches, recent, together, remapped, attached) = restored.map_err(damaged)?;
-        let saved = SavedStore { path, content, gaussians: map.len(), highest_id: segments.highest() };
-        let store = (settings.kind.definition().restore)(&settings, saved)?;
-        let mut memory = Self::with_parts(settings, map, store, segments);
-        (memory.frames, memory.origin) = (frames, origin);
-        (memory.patches, memory.recent, memory.co_visible) = (patches, recent, together);
-        memory.remapped = remapped.into_iter().map(|[from, into]| (from, into)).collect();
-        (memory.keyframes, memory.names, memory.history) = attached;
-        Ok(memory)
-    }
-
-    /// The camera's keyframes that a loaded file contains, bytes of a [`StateBlock`]. `None` if there are none, or they were
-    /// taken already.
-    pub fn take_keyframes(&mut self) -> Option<Vec<u8>> {
-        self.keyframes.take()
-    }
-
-    /// The names of objects that a loaded file contains, bytes of a [`StateBlock`]. `None` if there are none, or they were
-    /// taken already.
-    pub fn take_names(&mut self) -> Option<Vec<u8>> {
-        self.names.take()
-    }
-
-    /// When objects were seen, and the rooms so far, that a loaded file contains: bytes of a [`StateBlock`]. `None` if there
-    /// are none, or they were taken already.
-    pub fn take_history(&mut self) -> Option<Vec<u8>> {
-        self.history.take()
-    }
+    let SplatFile { origin, mut map, content, ids, sightings, carried, frames, saved_state, .. } = file;
+    let live = ids.into_iter().zip(sightings).zip(carried);
+    let live: Vec<SavedSegment> =
+        live.map(|((id, sightings), carried)| SavedSegment { id, sightings, carried }).collect();
+    let largest_id = settings.kind.rules(&settings).largest_id;
+    let saved = SavedState::from_block(saved_state).map_err(|error| error.to_string());
+    let restored = saved.and_then(|saved| {
+        let segments = Segments::restored(&live, saved.ids.clone(), largest_id)?;
+        let recent = RecentFrames::restored(saved.recent, segments.highest())?;
+        map.anchors = restored_runs("keyframes", &saved.anchors, map.len(), 0)?;
+        map.surfaces = restored_runs("surfaces", &saved.surfaces, map.len(), SurfaceKind::Observed)?;
+        let patches = PatchGraph::restored(saved.patches, map.len(), segments.highest())?;
+        let together = CoVisibleIds::restored((saved.together, saved.crowded));
+        let bytes = |block: StateBlock| (!block.is_empty()).then(|| block.to_bytes()).transpose();
+        let attached =
+            bytes(saved.keyframes).and_then(|keyframes| Ok((keyframes, bytes(saved.names)?, bytes(saved.history)?)));
+        Ok((segments, patches, recent, together, saved.remapped, attached.map_err(|error| error.to_string())?))
+    });
+    let damaged = |found| LoadMemoryError::SavedState { path: path.display().to_string(), found };
+    let (segments, patches, recent, together, remapped, attached) = restored.map_err(damaged)?;
+    let saved = SavedStore { path, content, gaussians: map.len(), highest_id: segments.highest() };
+    let store = (settings.kind.definition().restore)(&settings, saved)?;
+    let mut memory = SplatMemory::with_parts(settings, map, store, segments);
+    (memory.frames, memory.origin) = (frames, origin);
+    (memory.patches, memory.recent, memory.co_visible) = (patches, recent, together);
+    memory.remapped = remapped.into_iter().map(|[from, into]| (from, into)).collect();
+    (memory.keyframes, memory.names, memory.history) = attached;
+    Ok(memory)
 }

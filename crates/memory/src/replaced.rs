@@ -131,50 +131,46 @@ impl Replacements {
     }
 }
 
-impl SplatMemory {
-    /// Finds predictions that are not the segments expected at their place, because colours differ. `labels` contains a
-    /// number for the prediction visible at each pixel, `[height, width]`, 0 for none. Nothing is found without
-    /// `memory.compare_colors`, or where frames remove nothing.
-    pub fn find_replacements(&self, recall: &mut Recall<'_>, labels: &SegmentMap) -> Replacements {
-        let uncertain = &self.anchor.uncertain;
-        let is_certain = |gaussian: usize| uncertain.is_empty() || !uncertain.contains(&self.map.anchors[gaussian]);
-        let found = self.compared_colors(recall, labels, is_certain);
-        for seen in &found.replaced {
-            recall.visibility[seen.gaussian] = Visibility::Replaced;
-        }
-        let is_due = |seen: &SeenGaussian| {
-            self.map.seen_through[seen.gaussian].saturating_add(1) >= self.settings.removal_frames
-        };
-        recall.replaced = found.replaced.into_iter().filter(is_due).collect();
-        recall.seen = found.seen;
-        found.replacements
+/// Finds predictions that are not the segments expected at their place: see [`SplatMemory::find_replacements`].
+pub(crate) fn find(memory: &SplatMemory, recall: &mut Recall<'_>, labels: &SegmentMap) -> Replacements {
+    let uncertain = &memory.anchor.uncertain;
+    let is_certain = |gaussian: usize| uncertain.is_empty() || !uncertain.contains(&memory.map.anchors[gaussian]);
+    let found = compared_colors(memory, recall, labels, is_certain);
+    for seen in &found.replaced {
+        recall.visibility[seen.gaussian] = Visibility::Replaced;
     }
+    let is_due = |seen: &SeenGaussian| {
+        memory.map.seen_through[seen.gaussian].saturating_add(1) >= memory.settings.removal_frames
+    };
+    recall.replaced = found.replaced.into_iter().filter(is_due).collect();
+    recall.seen = found.seen;
+    found.replacements
+}
 
-    /// Compares colours where the rules and settings say so. Gaussians for which `is_certain` returns false are left out.
-    pub(crate) fn compared_colors(
-        &self,
-        recall: &Recall<'_>,
-        labels: &SegmentMap,
-        is_certain: impl Fn(usize) -> bool,
-    ) -> FoundReplacements {
-        let removes = !self.rules.is_papers_map() && self.settings.removal_frames > 0;
-        if !removes || !self.rules.judges_predictions || !self.settings.compare_colors {
-            return FoundReplacements::default();
-        }
-        find_replacements(&self.map, recall, labels, is_certain)
+/// Compares colours where the rules and settings say so. Gaussians for which `is_certain` returns false are left out.
+pub(crate) fn compared_colors(
+    memory: &SplatMemory,
+    recall: &Recall<'_>,
+    labels: &SegmentMap,
+    is_certain: impl Fn(usize) -> bool,
+) -> FoundReplacements {
+    let removes = !memory.rules.is_papers_map() && memory.settings.removal_frames > 0;
+    if !removes || !memory.rules.judges_predictions || !memory.settings.compare_colors {
+        return FoundReplacements::default();
     }
+    find_replacements(&memory.map, recall, labels, is_certain)
+}
 
-    /// Gives Gaussians of things that were replaced to the predictions that are there now.
-    pub(crate) fn replace(&mut self, recall: &mut Recall<'_>, predicted: &SegmentMap) {
-        let id = |seen: &SeenGaussian| (seen.gaussian, predicted.pixels()[seen.pixel]);
-        let replaced: Vec<(usize, SegmentId)> = recall.replaced.iter().map(id).collect();
-        self.store.replace(&replaced);
-        self.patches.forget(replaced.iter().map(|(gaussian, _)| *gaussian));
-        remember_colors(&mut self.map, recall, predicted);
-        for seen in &recall.replaced {
-            self.map.colors[seen.gaussian] = recall.frame.color().pixels()[seen.pixel];
-            recall.visibility[seen.gaussian] = Visibility::Seen;
-        }
+/// Gives Gaussians of things that were replaced to the predictions that are there now.
+pub(crate) fn replace(memory: &mut SplatMemory, recall: &mut Recall<'_>, predicted: &SegmentMap) {
+    let id = |seen: &SeenGaussian| (seen.gaussian, predicted.pixels()[seen.pixel]);
+    let replaced: Vec<(usize, SegmentId)> = recall.replaced.iter().map(id).collect();
+    memory.store.replace(&replaced);
+    memory.patches.forget(replaced.iter().map(|(gaussian, _)| *gaussian));
+    remember_colors(&mut memory.map, recall, predicted);
+    for seen in &recall.replaced {
+        memory.map.colors[seen.gaussian] = recall.frame.color().pixels()[seen.pixel];
+        recall.visibility[seen.gaussian] = Visibility::Seen;
     }
 }
 

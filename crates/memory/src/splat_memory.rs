@@ -12,7 +12,10 @@ use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, 
 use crate::segment_store::SegmentStore;
 use crate::segments::{LostIds, Segments};
 use crate::tile_surface::TileSurface;
-use crate::{LearningExtent, MemoryError, MemoryRules, MemorySettings, NewStore, SegmentBelief};
+use crate::{
+    Attached, JoinedIds, LearningExtent, LoadMemoryError, MemoryError, MemoryRules, MemorySettings, NewStore,
+    Replacements, SegmentBelief, SplatFileError, joining, persistence, replaced,
+};
 use glam::DVec3;
 use rayon::prelude::*;
 use splatseg_geometry::{
@@ -21,6 +24,7 @@ use splatseg_geometry::{
 };
 use splatseg_render::{Camera, TileWeights};
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 
 /// Frames between two counts of the ids that Gaussians show, where they are not counted after every frame.
 const FRAMES_PER_CENSUS: u32 = 16;
@@ -190,7 +194,7 @@ impl SplatMemory {
         let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile_with(tile, surface, &verdicts);
         let rules = (&self.settings, &self.rules);
         let recall = Recall::new(&self.map.balls, read_tile, frame, &place, FrameTrust::Alone, rules);
-        let replacements = self.compared_colors(&recall, shown, |_| true).replacements;
+        let replacements = replaced::compared_colors(self, &recall, shown, |_| true).replacements;
         let mut belief = recall.belief;
         if !replacements.is_empty() {
             let pixels = belief.segments.pixels_mut().iter_mut().zip(belief.confidence.pixels_mut());
@@ -217,6 +221,13 @@ impl SplatMemory {
     /// for a memory without a second opinion.
     pub fn second_opinion(&self, recall: &Recall<'_>) -> SegmentMap {
         self.store.second_opinion(recall)
+    }
+
+    /// Finds predictions that are not the segments expected at their place, because colours differ. `labels` contains a
+    /// number for the prediction visible at each pixel, `[height, width]`, 0 for none. Nothing is found without
+    /// `memory.compare_colors`, or where frames remove nothing.
+    pub fn find_replacements(&self, recall: &mut Recall<'_>, labels: &SegmentMap) -> Replacements {
+        replaced::find(self, recall, labels)
     }
 
     /// Learns a frame: its predictions `predicted`, as in [`Self::fuse`], and the surfaces that the map lacks. Removes
@@ -263,7 +274,7 @@ impl SplatMemory {
         drop(stage);
 
         let stage = tracing::debug_span!(target: STAGE_TARGET, "learn").entered();
-        self.replace(&mut recall, predicted);
+        replaced::replace(self, &mut recall, predicted);
         update.learning = self.store.learn(&recall, &self.map.balls, predicted, contradicted);
         self.patches.add_unknown(self.map.len() - added.len());
         if let Some(evidence) = evidence {
@@ -368,7 +379,7 @@ impl SplatMemory {
         if correction.joined.is_empty() || !self.store.can_remap() {
             return Vec::new();
         }
-        self.join_surfaces(&before, AFTER_LOOP)
+        joining::join_surfaces(self, &before, AFTER_LOOP)
     }
 
     /// Gives the ids of the latest frame, if its pose was unknown, to those that a frame whose pose is known shows
@@ -400,6 +411,35 @@ impl SplatMemory {
         if self.can_merge_objects() {
             self.remap(remapped);
         }
+    }
+
+    /// True if this kind of memory can be joined with another one: it remembers votes.
+    pub fn can_join(&self) -> bool {
+        self.store.can_remap()
+    }
+
+    /// Adds the Gaussians and ids of a later map of the same place, whose world coordinates must be those of this map: see
+    /// [`Self::correct`]. `first_keyframe` is added to the numbers of its keyframes.
+    ///
+    /// Surfaces that both maps have become one, as after a loop: Gaussians of the later map add their votes to those of
+    /// this one. Ids of the two maps that overlap there become this map's ids, and so do those in `same` (`from` is an id
+    /// of the later map, `into` one of this map). The others get new ids.
+    ///
+    /// # Errors
+    /// [`MemoryError::CannotJoin`] if one of the maps does not remember votes.
+    pub fn join(
+        &mut self,
+        later: Self,
+        first_keyframe: KeyframeId,
+        same: &[RemappedId],
+    ) -> Result<JoinedIds, MemoryError> {
+        joining::join(self, later, first_keyframe, same)
+    }
+
+    /// Removes the Gaussians for which `keep` is false.
+    pub fn keep_gaussians(&mut self, keep: &[bool]) {
+        self.retain(keep);
+        self.release_ids(true);
     }
 
     pub(crate) fn remap(&mut self, remapped: &[RemappedId]) {
@@ -569,6 +609,22 @@ impl SplatMemory {
         &self.rules
     }
 
+    /// Number of frames that the map was made from, of all runs together.
+    pub fn frame_count(&self) -> u32 {
+        self.frames
+    }
+
+    /// The last frame that saw each object with Gaussians, counted from 0 over all runs of the map.
+    pub fn last_seen(&self) -> BTreeMap<SegmentId, u32> {
+        let mut found = BTreeMap::new();
+        let seen = self.map().segment_ids().into_iter().zip(&self.map.last_seen);
+        for (id, frame) in seen.filter(|(id, _)| *id != 0) {
+            let last = found.entry(id).or_default();
+            *last = (*frame).max(*last);
+        }
+        found
+    }
+
     /// Number of Gaussians.
     pub fn gaussian_count(&self) -> usize {
         self.map.len()
@@ -590,6 +646,53 @@ impl SplatMemory {
             patch: self.rules.patch_size(&self.settings),
             segments: self,
         }
+    }
+
+    /// Writes the memory to a PLY file that splat viewers open, replacing any file at `path`.
+    ///
+    /// Besides the usual 3DGS properties, each Gaussian has its votes or feature and the `segment_id` that it shows by
+    /// itself.
+    ///
+    /// # Errors
+    /// If the file cannot be written, the kind of memory has no file format, a part is larger than [`Self::load`] reads, or
+    /// something attached is no [`StateBlock`](splatseg_files::StateBlock). No partial file is left.
+    pub fn save(&self, path: impl AsRef<Path>) -> Result<(), SplatFileError> {
+        self.save_with(path, Attached::default())
+    }
+
+    /// As [`Self::save`], with what other parts of a pipeline know about the map.
+    ///
+    /// # Errors
+    /// As [`Self::save`].
+    pub fn save_with(&self, path: impl AsRef<Path>, attached: Attached<'_>) -> Result<(), SplatFileError> {
+        persistence::save(self, path.as_ref(), attached)
+    }
+
+    /// Loads a saved memory, to continue as if the run had not ended. Ids keep their meaning. `settings` are the
+    /// settings of the new run.
+    ///
+    /// # Errors
+    /// If the file is damaged or not a splatseg memory, or its kind or feature dimension differs from the settings.
+    pub fn load(path: impl AsRef<Path>, settings: MemorySettings) -> Result<Self, LoadMemoryError> {
+        persistence::load(path.as_ref(), settings)
+    }
+
+    /// The camera's keyframes that a loaded file contains, bytes of a [`StateBlock`](splatseg_files::StateBlock). `None` if
+    /// there are none, or they were taken already.
+    pub fn take_keyframes(&mut self) -> Option<Vec<u8>> {
+        self.keyframes.take()
+    }
+
+    /// The names of objects that a loaded file contains, bytes of a [`StateBlock`](splatseg_files::StateBlock). `None` if
+    /// there are none, or they were taken already.
+    pub fn take_names(&mut self) -> Option<Vec<u8>> {
+        self.names.take()
+    }
+
+    /// When objects were seen, and the rooms so far, that a loaded file contains: bytes of a
+    /// [`StateBlock`](splatseg_files::StateBlock). `None` if there are none, or they were taken already.
+    pub fn take_history(&mut self) -> Option<Vec<u8>> {
+        self.history.take()
     }
 }
 
