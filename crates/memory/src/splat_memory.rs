@@ -275,12 +275,16 @@ impl SplatMemory {
 
         let stage = tracing::debug_span!(target: STAGE_TARGET, "learn").entered();
         replaced::replace(self, &mut recall, predicted);
-        update.learning = self.store.learn(&recall, &self.map.balls, predicted, contradicted);
-        self.patches.add_unknown(self.map.len() - added.len());
-        if let Some(evidence) = evidence {
-            self.patches.learn(&recall, &added, predicted, evidence, &self.settings);
-        }
-        self.patches.add_unknown(self.map.len());
+        let Self { store, patches, map, settings, .. } = self;
+        patches.add_unknown(map.len() - added.len());
+        let learn_evidence = || {
+            if let Some(evidence) = evidence {
+                patches.learn(&recall, &added, predicted, evidence, settings);
+            }
+            patches.add_unknown(map.len());
+        };
+        let learn = || store.learn(&recall, &map.balls, predicted, contradicted);
+        (update.learning, ()) = rayon::join(learn, learn_evidence);
         self.recent.record(&recall, predicted, &self.settings);
         drop(stage);
 

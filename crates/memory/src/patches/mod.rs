@@ -10,6 +10,7 @@ mod frame_pairs;
 mod frame_patches;
 mod objects;
 mod partition;
+mod patch_pairs;
 mod saved;
 #[cfg(test)]
 mod tests;
@@ -19,6 +20,7 @@ use crate::map::NewGaussian;
 use crate::recall::Recall;
 use frame_pairs::pairs_of;
 use frame_patches::{FrameCells, FramePatches};
+use patch_pairs::PatchPairs;
 use splatseg_geometry::{Affinities, SegmentId, SegmentMap};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::hash::{BuildHasherDefault, Hasher};
@@ -113,8 +115,7 @@ pub(crate) struct PatchGraph {
     patches: Vec<Patch>,
     /// Patches without Gaussians and evidence.
     unused: BTreeSet<u32>,
-    /// Evidence about pairs, by [`pair_key`].
-    pairs: ByKey<PairEvidence>,
+    pairs: PatchPairs,
     /// Frames learnt since the graph was created or restored.
     learnt: u32,
     /// True if it was decided what the objects are; see [`Self::decide`].
@@ -176,7 +177,7 @@ impl PatchGraph {
             }
         }
         for (key, evidence) in pairs_of(&shown, affinities) {
-            self.pairs.entry(key).or_default().add(evidence);
+            self.pairs.add(key, evidence);
         }
     }
 
@@ -207,15 +208,10 @@ impl PatchGraph {
                 }
             }
         }
-        if gone.is_empty() {
-            return;
+        for patch in &gone {
+            self.patches[*patch as usize] = Patch::default();
+            self.pairs.remove(*patch);
         }
-        gone.iter().for_each(|patch| self.patches[*patch as usize] = Patch::default());
-        let is_gone = |patch: u32| self.patches[patch as usize].gaussians == 0;
-        self.pairs.retain(|key, _| {
-            let (one, other) = patches_of(*key);
-            !is_gone(one) && !is_gone(other)
-        });
         self.unused.append(&mut gone);
     }
 
@@ -250,17 +246,13 @@ impl PatchGraph {
             let heir = &mut self.patches[*into as usize];
             heir.frames = heir.frames.saturating_add(frames);
         }
-        let is_moved = |key: &u64| {
-            let (one, other) = patches_of(*key);
-            heirs.contains_key(&one) || heirs.contains_key(&other)
-        };
-        let mut moved: Vec<(u64, PairEvidence)> = self.pairs.extract_if(|key, _| is_moved(key)).collect();
+        let mut moved: Vec<(u64, PairEvidence)> = heirs.keys().flat_map(|patch| self.pairs.remove(*patch)).collect();
         moved.sort_unstable_by_key(|(key, _)| *key);
         for (key, evidence) in moved {
             let (one, other) = patches_of(key);
             let (one, other) = (heir(one), heir(other));
             if one != other {
-                self.pairs.entry(pair_key(one, other)).or_default().add(evidence);
+                self.pairs.add(pair_key(one, other), evidence);
             }
         }
     }
@@ -277,13 +269,10 @@ impl PatchGraph {
         self.of_gaussians.extend(other.of_gaussians.into_iter().map(number));
         self.unused.extend(other.unused.into_iter().map(number));
         self.patches.extend(other.patches);
-        // Increasing keys, so that the order of a hash map has no influence.
-        let mut pairs: Vec<(u64, PairEvidence)> = other.pairs.into_iter().collect();
-        pairs.sort_unstable_by_key(|(key, _)| *key);
-        self.pairs.extend(pairs.into_iter().map(|(key, evidence)| {
+        for (key, evidence) in other.pairs.iter() {
             let (one, other) = patches_of(key);
-            (pair_key(number(one), number(other)), evidence)
-        }));
+            self.pairs.add(pair_key(number(one), number(other)), evidence);
+        }
     }
 
     /// Numbers the patches that have Gaussians from 0, in their order.
@@ -301,8 +290,8 @@ impl PatchGraph {
         self.of_gaussians.iter_mut().for_each(|patch| *patch = number(*patch));
         self.patches.retain(|patch| patch.gaussians > 0);
         self.unused.clear();
-        let pairs = std::mem::take(&mut self.pairs).into_iter();
-        let pairs = pairs.map(|(key, evidence)| {
+        let pairs = std::mem::take(&mut self.pairs);
+        let pairs = pairs.iter().map(|(key, evidence)| {
             let (one, other) = patches_of(key);
             (number(one), number(other), evidence)
         });

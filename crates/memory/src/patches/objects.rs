@@ -32,10 +32,11 @@ impl PatchGraph {
                 self.patches.iter().map(|patch| patch.last_seen > first).collect()
             }
         };
-        let pairs = self.sorted_pairs(|key| {
-            let (one, other) = patches_of(key);
+        let is_wanted = |(key, _): &(u64, PairEvidence)| {
+            let (one, other) = patches_of(*key);
             is_seen[one as usize] && is_seen[other as usize]
-        });
+        };
+        let pairs: Vec<(u64, PairEvidence)> = self.pairs.iter().filter(is_wanted).collect();
         let of_patches = partition(&self.patches, &pairs);
         let [had, given] = self.shares(&of_patches, &is_seen);
         let (mut ids, mut taken) = (vec![0; self.patches.len()], BTreeSet::new());
@@ -86,13 +87,5 @@ impl PatchGraph {
     pub fn forget_verdicts(&mut self) {
         self.patches.iter_mut().for_each(|patch| patch.object = 0);
         self.is_decided = false;
-    }
-
-    /// The evidence about the pairs for which `is_wanted` returns true, by increasing key.
-    pub(super) fn sorted_pairs(&self, is_wanted: impl Fn(u64) -> bool) -> Vec<(u64, PairEvidence)> {
-        let wanted = self.pairs.iter().filter(|(key, _)| is_wanted(**key));
-        let mut pairs: Vec<(u64, PairEvidence)> = wanted.map(|(key, evidence)| (*key, *evidence)).collect();
-        pairs.sort_unstable_by_key(|(key, _)| *key);
-        pairs
     }
 }

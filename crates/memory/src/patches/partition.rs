@@ -67,10 +67,12 @@ impl Ord for Candidate {
 
 /// Patches that are being merged. A part is known by the number of its first patch.
 struct Merging {
-    /// Pixels of each part that were predicted as each id, by increasing id.
-    pixels_of_ids: Vec<Vec<(SegmentId, u64)>>,
+    /// Pixels of each part that were predicted as each id, by increasing number of the id.
+    pixels_of_ids: Vec<Vec<(u32, u64)>>,
     /// Their sum.
     pixels: Vec<f64>,
+    /// Shares of the part whose best link is searched for, by number of the id; 0 otherwise.
+    shares: Vec<f64>,
     links: Vec<Vec<Link>>,
     /// Union-find parent of each patch.
     parents: Vec<u32>,
@@ -85,7 +87,14 @@ struct Merging {
 
 impl Merging {
     fn new(patches: &[Patch], pairs: &[(u64, PairEvidence)]) -> Self {
-        let wide = |patch: &Patch| patch.pixels_of_ids.iter().map(|(id, pixels)| (*id, u64::from(*pixels))).collect();
+        // Ids get numbers from 0, as there may be far fewer of them than the highest one.
+        let mut ids: Vec<SegmentId> =
+            patches.iter().flat_map(|patch| &patch.pixels_of_ids).map(|(id, _)| *id).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        let number = |id: SegmentId| ids.partition_point(|other| *other < id) as u32;
+        let wide =
+            |patch: &Patch| patch.pixels_of_ids.iter().map(|(id, pixels)| (number(*id), u64::from(*pixels))).collect();
         let mut links = vec![Vec::new(); patches.len()];
         for (key, PairEvidence { sum, count }) in pairs {
             let (one, other) = patches_of(*key);
@@ -93,9 +102,10 @@ impl Merging {
             links[one as usize].push(Link { other, count, sum });
             links[other as usize].push(Link { other: one, count, sum });
         }
-        let pixels_of_ids: Vec<Vec<(SegmentId, u64)>> = patches.iter().map(wide).collect();
-        let sum = |ids: &Vec<(SegmentId, u64)>| ids.iter().map(|(_, pixels)| pixels).sum::<u64>() as f64;
+        let pixels_of_ids: Vec<Vec<(u32, u64)>> = patches.iter().map(wide).collect();
+        let sum = |ids: &Vec<(u32, u64)>| ids.iter().map(|(_, pixels)| pixels).sum::<u64>() as f64;
         Self {
+            shares: vec![0.0; ids.len()],
             pixels: pixels_of_ids.iter().map(sum).collect(),
             pixels_of_ids,
             links,
@@ -135,13 +145,15 @@ impl Merging {
                 links.push(Link { other, ..link });
             }
         }
+        self.set_shares(part, |pixels, all| pixels as f64 / all);
         let mut best: Option<(f64, u32)> = None;
         for link in &links {
-            let score = self.score(part, link);
+            let score = self.score(link);
             if best.is_none_or(|(highest, other)| score > highest || (score == highest && link.other < other)) {
                 best = Some((score, link.other));
             }
         }
+        self.set_shares(part, |_, _| 0.0);
         self.links[part as usize] = links;
         if let Some((score, other)) = best {
             let versions = (self.versions[part as usize], self.versions[other as usize]);
@@ -149,21 +161,23 @@ impl Merging {
         }
     }
 
-    fn score(&self, part: u32, link: &Link) -> f64 {
-        let log_odds = link.sum as f64 / link.count as f64 / f64::from(Affinities::UNIT);
-        log_odds + AGREEMENT_WEIGHT * self.agreement(part as usize, link.other as usize)
+    fn set_shares(&mut self, part: u32, share: fn(u64, f64) -> f64) {
+        for (id, pixels) in &self.pixels_of_ids[part as usize] {
+            self.shares[*id as usize] = share(*pixels, self.pixels[part as usize]);
+        }
     }
 
-    /// How much of two parts frames gave the same ids: 1 if both have the same shares of ids, 0 if they have none in common.
-    fn agreement(&self, one: usize, other: usize) -> f64 {
-        let ids = |part: usize| &self.pixels_of_ids[part];
-        // Objects have many ids, most patches one.
-        let (few, many) = if ids(one).len() <= ids(other).len() { (one, other) } else { (other, one) };
-        let common = |(id, pixels): &(SegmentId, u64)| {
-            let place = ids(many).binary_search_by_key(id, |(id, _)| *id).ok()?;
-            Some((*pixels as f64 / self.pixels[few]).min(ids(many)[place].1 as f64 / self.pixels[many]))
-        };
-        ids(few).iter().filter_map(common).sum()
+    /// The score of a link of the part with the shares that are set.
+    fn score(&self, link: &Link) -> f64 {
+        let log_odds = link.sum as f64 / link.count as f64 / f64::from(Affinities::UNIT);
+        log_odds + AGREEMENT_WEIGHT * self.agreement(link.other as usize)
+    }
+
+    /// How much frames gave a part the same ids as the one with the shares that are set: 1 if both have the same shares of ids, 0
+    /// if they have none in common.
+    fn agreement(&self, part: usize) -> f64 {
+        let all = self.pixels[part];
+        self.pixels_of_ids[part].iter().map(|(id, pixels)| (*pixels as f64 / all).min(self.shares[*id as usize])).sum()
     }
 
     fn merge(&mut self, one: u32, other: u32) {
@@ -251,9 +265,15 @@ mod tests {
     fn the_shares_of_ids_agree_in_any_amount() {
         let agreement = |ids: [&[(SegmentId, u32)]; 2]| {
             let patches = ids.map(|ids| Patch { pixels_of_ids: ids.to_vec(), ..Patch::default() });
-            let merging = Merging::new(&patches, &[]);
-            assert_eq!(merging.agreement(0, 1), merging.agreement(1, 0));
-            merging.agreement(0, 1)
+            let mut merging = Merging::new(&patches, &[]);
+            let [one, other] = [(0, 1), (1, 0)].map(|(part, other)| {
+                merging.set_shares(part, |pixels, all| pixels as f64 / all);
+                let agreement = merging.agreement(other);
+                merging.set_shares(part, |_, _| 0.0);
+                agreement
+            });
+            assert_eq!(one, other);
+            one
         };
         assert_eq!(agreement([&[(1, 10), (2, 30)], &[(1, 1), (2, 3)]]), 1.0);
         assert_eq!(agreement([&[(1, 1), (2, 1)], &[(2, 7)]]), 0.5);

@@ -67,7 +67,6 @@ impl SavedPatches {
 impl PatchGraph {
     /// Returns the state to be saved.
     pub fn saved(&self) -> SavedPatches {
-        let pairs = self.sorted_pairs(|_| true);
         let ids = |(number, patch): (usize, &Patch)| {
             let number = number as u32;
             patch.pixels_of_ids.iter().map(move |(id, pixels)| [number, *id, *pixels]).collect::<Vec<_>>()
@@ -76,8 +75,8 @@ impl PatchGraph {
             of_gaussians: self.of_gaussians.clone(),
             frames: self.patches.iter().map(|patch| patch.frames).collect(),
             ids: self.patches.iter().enumerate().flat_map(ids).collect(),
-            sums: pairs.iter().map(|(_, evidence)| evidence.sum).collect(),
-            pairs: pairs.into_iter().map(|(key, evidence)| pair(key, evidence.count)).collect(),
+            sums: self.pairs.iter().map(|(_, evidence)| evidence.sum).collect(),
+            pairs: self.pairs.iter().map(|(key, evidence)| pair(key, evidence.count)).collect(),
         }
     }
 
@@ -120,15 +119,17 @@ impl PatchGraph {
             }
             patch.pixels_of_ids.push((id, pixels));
         }
+        let mut last = None;
         for ([one, other, count], sum) in saved.pairs.into_iter().zip(saved.sums) {
             let is_possible = (1..=MAX_PAIRS).contains(&count) && sum.unsigned_abs() <= count * i8::MAX as u32;
             let are_used = one < other && is_used(&graph.patches, one) && is_used(&graph.patches, other);
-            let evidence = PairEvidence { sum, count };
-            if !is_possible || !are_used || graph.pairs.insert(pair_key(one, other), evidence).is_some() {
+            if !is_possible || !are_used || last >= Some((one, other)) {
                 return Err(format!(
                     "impossible evidence about the patches {one} and {other}: {count} pairs, sum {sum}"
                 ));
             }
+            last = Some((one, other));
+            graph.pairs.add(pair_key(one, other), PairEvidence { sum, count });
         }
         let unused = graph.patches.iter().enumerate().filter(|(_, patch)| patch.gaussians == 0);
         graph.unused = unused.map(|(number, _)| number as u32).collect();

@@ -16,7 +16,7 @@ fn graph(patches: u32) -> PatchGraph {
         graph.of_gaussians.extend([patch, patch]);
     }
     for patch in 1..patches {
-        graph.pairs.insert(pair_key(patch, patch - 1), PairEvidence { sum: 3 * UNIT, count: 3 });
+        graph.pairs.add(pair_key(patch, patch - 1), PairEvidence { sum: 3 * UNIT, count: 3 });
     }
     graph.of_gaussians.push(NO_PATCH);
     graph
@@ -32,7 +32,7 @@ fn decided(graph: &PatchGraph) -> Vec<SegmentId> {
 #[test]
 fn an_object_keeps_the_id_that_most_frames_gave_it() {
     let mut graph = graph(3);
-    graph.pairs.clear();
+    graph.pairs = PatchPairs::default();
     graph.patches[1].count(1, 300);
     assert_eq!(decided(&graph), [0, 0, 1, 1, 3, 3, 0], "the second has more of 1");
     graph.patches[1].count(2, 900);
@@ -58,10 +58,10 @@ fn only_what_was_seen_lately_is_decided_again() {
     let mut graph = graph(4);
     graph.learnt = 9;
     (0..4).for_each(|patch| graph.patches[patch].last_seen = [2, 3, 8, 9][patch]);
-    graph.pairs.clear();
+    graph.pairs = PatchPairs::default();
     graph.decide(Scope::All);
     for (one, other) in [(0, 1), (1, 2), (2, 3)] {
-        graph.pairs.insert(pair_key(one, other), PairEvidence { sum: 3 * UNIT, count: 3 });
+        graph.pairs.add(pair_key(one, other), PairEvidence { sum: 3 * UNIT, count: 3 });
     }
     graph.decide(Scope::Frames(2));
     let ids: Vec<SegmentId> = graph.patches.iter().map(|patch| patch.object).collect();
@@ -103,7 +103,7 @@ fn the_evidence_of_doubles_goes_to_the_earlier_patch() {
     graph.absorb(&[(4, 0), (5, 1), (6, 1)]);
     graph.retain(&[true, true, true, true, false, false, false, true, true]);
     assert_eq!(graph.patches[0].pixels_of_ids, [(1, 10), (3, 10)]);
-    let pairs: BTreeMap<u64, PairEvidence> = graph.pairs.clone().into_iter().collect();
+    let pairs: BTreeMap<u64, PairEvidence> = graph.pairs.iter().collect();
     let of = |sum: i32, count| PairEvidence { sum: sum * UNIT, count };
     assert_eq!(pairs, BTreeMap::from([(pair_key(0, 1), of(6, 6)), (pair_key(0, 3), of(3, 3))]));
 }
