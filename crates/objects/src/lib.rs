@@ -30,13 +30,13 @@ pub use list::{BestView, Conventions, FrameStamp, Object, ObjectCounts, ObjectLi
 pub use listed_rooms::ListedRoom;
 pub use names::{LabelScore, NameError, ObjectName, ObjectNames};
 pub use object_view::ObjectView;
-pub use relations::{Relation, RelationKind, relations};
+pub use relations::{Relation, RelationKind, relations, relations_of};
 pub use remap_log::RemapLog;
 pub use room_names::{RoomName, RoomNameSource, RoomNames};
 pub use scene_graph::{LastSeen, SceneGraph, SceneObject, SceneRoom};
 pub use seen::{SeenObjects, Sightings};
 pub use seen_times::{SeenTime, SeenTimes};
-pub use shape::{AxisAlignedBox, ObjectShape, OrientedBox, object_shapes};
+pub use shape::{AxisAlignedBox, ObjectShape, ObjectSurfaces, OrientedBox, object_shapes};
 pub use sightings::{BoundingBox, ObjectLog, ObjectRecord, ObjectSighting};
 pub use vertex_ids::{VertexId, vertex_ids};
 

@@ -1,7 +1,7 @@
 //! The content of `objects.json`: every object of a run. `docs/OBJECTS.md` describes each key for users.
 
 use crate::{
-    BoundingBox, LabelScore, ListedRoom, ObjectLog, ObjectNames, ObjectShape, Relation, SeenObjects, object_shapes,
+    BoundingBox, LabelScore, ListedRoom, ObjectLog, ObjectNames, ObjectShape, ObjectSurfaces, Relation, SeenObjects,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::ser::Formatter;
@@ -193,7 +193,13 @@ impl ObjectList {
     ///
     /// Names, times, confidences and best views are unknown until [`Self::add_sightings`] is called.
     pub fn new(log: &ObjectLog, map: Option<MapView<'_>>) -> Self {
-        let mut shapes = map.as_ref().map(object_shapes).unwrap_or_default();
+        let surfaces = map.as_ref().map(ObjectSurfaces::of).unwrap_or_default();
+        Self::with_surfaces(log, map, &surfaces)
+    }
+
+    /// As [`Self::new`], with the surfaces of the map's objects.
+    pub fn with_surfaces(log: &ObjectLog, map: Option<MapView<'_>>, surfaces: &ObjectSurfaces) -> Self {
+        let mut shapes = surfaces.shapes().clone();
         let carried = map.map(|map| map.carried_ids());
         let ids: BTreeSet<SegmentId> =
             log.records().keys().chain(shapes.keys()).chain(carried.iter().flatten()).copied().collect();

@@ -161,10 +161,11 @@ struct Extent {
 impl Extent {
     const NOTHING: Self = Self { area: 0, confidence: 0.0, columns: (usize::MAX, 0), rows: (usize::MAX, 0) };
 
-    fn add(&mut self, column: usize, row: usize, confidence: f32) {
-        self.area += 1;
-        self.confidence += f64::from(confidence);
-        self.columns = (self.columns.0.min(column), self.columns.1.max(column));
+    /// Adds pixels of a row, side by side from `column` on, with their confidences.
+    fn add(&mut self, column: usize, row: usize, confidences: &[f32]) {
+        self.area += confidences.len();
+        self.confidence = confidences.iter().fold(self.confidence, |sum, confidence| sum + f64::from(*confidence));
+        self.columns = (self.columns.0.min(column), self.columns.1.max(column + confidences.len() - 1));
         self.rows = (self.rows.0.min(row), self.rows.1.max(row));
     }
 
@@ -188,9 +189,9 @@ fn extents(output: &FrameOutput) -> BTreeMap<SegmentId, Extent> {
             let mut column = 0;
             for run in ids.chunk_by(|a, b| a == b) {
                 if run[0] != 0 {
+                    let first = row * width + column;
                     let extent = extents.entry(run[0]).or_insert(Extent::NOTHING);
-                    (column..column + run.len())
-                        .for_each(|column| extent.add(column, row, confidence[row * width + column]));
+                    extent.add(column, row, &confidence[first..first + run.len()]);
                 }
                 column += run.len();
             }
@@ -199,7 +200,7 @@ fn extents(output: &FrameOutput) -> BTreeMap<SegmentId, Extent> {
     }
     for (id, mask) in &output.masks {
         let extent = extents.entry(*id).or_insert(Extent::NOTHING);
-        pixels(mask).for_each(|(column, row)| extent.add(column, row, confidence[row * width + column]));
+        pixels(mask).for_each(|(column, row)| extent.add(column, row, &confidence[row * width + column..][..1]));
     }
     extents.retain(|_, extent| extent.area > 0);
     extents

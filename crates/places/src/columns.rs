@@ -71,6 +71,8 @@ pub(crate) struct Columns {
     levels: usize,
     base: f32,
     floor: FloorHeights,
+    /// Height of the floor at the middle of each cell.
+    floor_of_cell: Vec<f32>,
 }
 
 /// Contents of a column.
@@ -100,7 +102,23 @@ impl Columns {
         let (blocks_across, blocks_up) = (width.div_ceil(BLOCK), height.div_ceil(BLOCK));
         let blocks = vec![0; blocks_across * blocks_up];
         let (boxes, seen_from) = (Vec::new(), vec![0; width * height]);
-        Self { resolution, width, height, blocks_across, blocks, boxes, seen_from, levels, base: min_height, floor }
+        let middle = |cell: usize| Vec2::new((cell % width) as f32 + 0.5, (cell / width) as f32 + 0.5) * resolution;
+        // Nothing is above a floor whose height is not known.
+        let floor_at = |cell: usize| floor.at(middle(cell).extend(0.0)).unwrap_or(f32::INFINITY);
+        let floor_of_cell = (0..width * height).map(floor_at).collect();
+        Self {
+            resolution,
+            width,
+            height,
+            blocks_across,
+            blocks,
+            boxes,
+            seen_from,
+            levels,
+            base: min_height,
+            floor,
+            floor_of_cell,
+        }
     }
 
     /// The bytes that columns over such an area may take.
@@ -236,16 +254,16 @@ impl Columns {
         if !is_inside {
             return;
         }
-        let middle = Vec3::new((column + 0.5) * self.resolution, (row + 0.5) * self.resolution, 0.0);
-        let Some(floor) = self.floor.at(middle) else { return };
+        let (column, row) = (column as usize, row as usize);
+        let floor = self.floor_of_cell[row * self.width + column];
         // In boxes above the lowest one.
         let [low, high] = [low, high].map(|z| (z - floor - self.base) / BOX);
-        let (first_level, last_level) = (low.floor().max(0.0), high.floor().min(self.levels as f32 - 1.0));
-        if first_level > last_level {
+        let (first_level, last_level) = (low.max(0.0) as usize, (high.max(0.0) as usize).min(self.levels - 1));
+        if high < 0.0 || first_level > last_level {
             return;
         }
-        let first = self.first_of_new((column as usize, row as usize));
-        for level in first_level as usize..=last_level as usize {
+        let first = self.first_of_new((column, row));
+        for level in first_level..=last_level {
             self.boxes[first + level].pass(low - level as f32, high - level as f32);
         }
     }

@@ -8,7 +8,7 @@ use crate::route::{Route, RoutePlanner};
 use crate::{OccupancyGrid, PlanError, PlanFrame, PlanSettings, RouteError};
 use glam::DVec2;
 use splatseg_geometry::{MapView, SegmentId};
-use splatseg_objects::DepthView;
+use splatseg_objects::{DepthView, ObjectSurfaces};
 use std::collections::BTreeMap;
 
 /// The plan of a map: its floor, what stands on it, and its rooms.
@@ -29,15 +29,29 @@ impl FloorPlan {
     /// # Errors
     /// [`PlanError`] if a setting is out of range, there are no keyframes, no floor is found, or the plan is too large.
     pub fn new(map: &MapView<'_>, keyframes: &[DepthView], settings: PlanSettings) -> Result<Self, PlanError> {
-        let Occupancy { frame, grid, columns, floor_heights } = Occupancy::new(map, keyframes, &settings)?;
-        let footprints = footprints(map, &frame, &grid.shape);
-        let rooms = Rooms::new(&grid, &columns);
-        Ok(Self { settings, frame, grid, floor_heights, footprints, rooms })
+        let mut plan = Self::without_objects(map, keyframes, settings)?;
+        plan.look_for_objects(map, &ObjectSurfaces::of(map));
+        Ok(plan)
     }
 
-    /// Looks again where objects are, in the map that the plan was made of, after what its Gaussians show has changed.
-    pub fn look_for_objects(&mut self, map: &MapView<'_>) {
-        self.footprints = footprints(map, &self.frame, &self.grid.shape);
+    /// As [`Self::new`], without the places of objects: [`Self::look_for_objects`] adds them.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn without_objects(
+        map: &MapView<'_>,
+        keyframes: &[DepthView],
+        settings: PlanSettings,
+    ) -> Result<Self, PlanError> {
+        let Occupancy { frame, grid, columns, floor_heights } = Occupancy::new(map, keyframes, &settings)?;
+        let rooms = Rooms::new(&grid, &columns);
+        Ok(Self { settings, frame, grid, floor_heights, footprints: BTreeMap::new(), rooms })
+    }
+
+    /// Looks where the objects with these surfaces are, in the map that the plan was made of: for the first time, or again
+    /// after what its Gaussians show has changed.
+    pub fn look_for_objects(&mut self, map: &MapView<'_>, surfaces: &ObjectSurfaces) {
+        self.footprints = footprints(map, surfaces, &self.frame, &self.grid.shape);
     }
 
     /// The settings that it was made with.

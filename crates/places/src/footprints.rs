@@ -6,7 +6,7 @@ use crate::outline::outlines;
 use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{MapView, SegmentId};
-use splatseg_objects::{ObjectShape, object_shapes};
+use splatseg_objects::{ObjectShape, ObjectSurfaces};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Gaussians at most this far outside an object's box belong to its footprint, metres.
@@ -41,9 +41,14 @@ impl Footprint {
 }
 
 /// The footprints of all objects that have a place in the grid. The rules for Gaussians that do not belong to their object
-/// are those of [`object_shapes`].
-pub(crate) fn footprints(map: &MapView<'_>, frame: &PlanFrame, shape: &GridShape) -> BTreeMap<SegmentId, Footprint> {
-    let shapes = object_shapes(map);
+/// are those of `surfaces`.
+pub(crate) fn footprints(
+    map: &MapView<'_>,
+    surfaces: &ObjectSurfaces,
+    frame: &PlanFrame,
+    shape: &GridShape,
+) -> BTreeMap<SegmentId, Footprint> {
+    let shapes = surfaces.shapes();
     let mut cells: BTreeMap<SegmentId, (BTreeSet<usize>, Vec<f64>)> = BTreeMap::new();
     let ids = map.segment_ids();
     for (index, id) in ids.iter().enumerate() {

@@ -6,7 +6,7 @@
 mod contact;
 mod upright;
 
-use crate::shape::object_points;
+use crate::ObjectSurfaces;
 use contact::{is_beside, is_under, surroundings};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -42,11 +42,17 @@ pub struct Relation {
 
 /// The relations between the objects of a map that count, by subject. `up` is a unit vector in world coordinates.
 pub fn relations(map: &MapView<'_>, up: Vec3) -> Vec<Relation> {
+    relations_of(map, &ObjectSurfaces::of(map), up)
+}
+
+/// As [`relations`], with the surfaces of the map's objects.
+pub fn relations_of(map: &MapView<'_>, surfaces: &ObjectSurfaces, up: Vec3) -> Vec<Relation> {
     let carried = map.carried_ids();
-    let objects: Vec<Upright> = object_points(map)
-        .into_par_iter()
-        .filter(|(id, _)| carried.contains(id) && !map.is_tentative(*id))
-        .filter_map(|(id, points)| Upright::new(id, &points, up))
+    let objects: Vec<Upright> = surfaces
+        .points()
+        .par_iter()
+        .filter(|(id, _)| carried.contains(id) && !map.is_tentative(**id))
+        .filter_map(|(id, points)| Upright::new(*id, points, up))
         .collect();
     let placed: Vec<Option<Relation>> = objects.par_iter().map(|object| placed(object, &objects)).collect();
     let supporters: BTreeMap<SegmentId, Relation> =

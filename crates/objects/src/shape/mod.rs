@@ -70,31 +70,61 @@ pub struct OrientedBox {
     pub rotation: Quat,
 }
 
+/// The surfaces of all objects with Gaussians in a map, measured once for all that needs them: the list of objects, their
+/// relations and their footprints.
+#[derive(Clone, Debug, Default)]
+pub struct ObjectSurfaces {
+    shapes: BTreeMap<SegmentId, ObjectShape>,
+    /// The points of each surface, without stray ones: metres, relative to the map's origin.
+    points: BTreeMap<SegmentId, Vec<Vec3>>,
+}
+
+impl ObjectSurfaces {
+    /// Measures the objects of a map.
+    pub fn of(map: &MapView<'_>) -> Self {
+        let objects: Vec<(SegmentId, Vec<Patch>)> = patches_by_object(map).into_iter().collect();
+        let measured: Vec<(SegmentId, ObjectShape, Vec<Vec3>)> = objects
+            .into_par_iter()
+            .map(|(id, patches)| {
+                let kept = without_stray(&patches);
+                let points = kept.iter().map(|patch| patch.mean).collect();
+                (id, shape_of(&kept, patches.len(), map.origin), points)
+            })
+            .collect();
+        let mut surfaces = Self::default();
+        for (id, shape, points) in measured {
+            surfaces.shapes.insert(id, shape);
+            surfaces.points.insert(id, points);
+        }
+        surfaces
+    }
+
+    /// The shape of each object.
+    pub fn shapes(&self) -> &BTreeMap<SegmentId, ObjectShape> {
+        &self.shapes
+    }
+
+    pub(crate) fn points(&self) -> &BTreeMap<SegmentId, Vec<Vec3>> {
+        &self.points
+    }
+}
+
 /// The shapes of all objects with Gaussians in the map.
 pub fn object_shapes(map: &MapView<'_>) -> BTreeMap<SegmentId, ObjectShape> {
-    let objects: Vec<(SegmentId, Vec<Patch>)> = patches_by_object(map).into_iter().collect();
-    objects.into_par_iter().map(|(id, patches)| (id, shape_of(&patches, map.origin))).collect()
+    ObjectSurfaces::of(map).shapes
 }
 
-/// The points of each object's surface in the map, without stray ones: metres, relative to the map's origin.
-pub(crate) fn object_points(map: &MapView<'_>) -> BTreeMap<SegmentId, Vec<Vec3>> {
-    let objects: Vec<(SegmentId, Vec<Patch>)> = patches_by_object(map).into_iter().collect();
-    let points = |patches: &[Patch]| without_stray(patches).iter().map(|patch| patch.mean).collect();
-    objects.into_par_iter().map(|(id, patches)| (id, points(&patches))).collect()
-}
-
-/// The shape of an object of at least one patch; patches are relative to `origin`.
-fn shape_of(patches: &[Patch], origin: DVec3) -> ObjectShape {
-    let kept = without_stray(patches);
+/// The shape of an object of at least one patch: of those that are `kept` of `patches`, relative to `origin`.
+fn shape_of(kept: &[Patch], patches: usize, origin: DVec3) -> ObjectShape {
     let (mut center, mut color, mut area) = (DVec3::ZERO, [0.0; 3], 0.0);
-    for patch in &kept {
+    for patch in kept {
         let weight = f64::from(patch.area());
         center += weight * patch.mean.as_dvec3();
         color.iter_mut().zip(patch.color).for_each(|(sum, channel)| *sum += weight * f64::from(channel));
         area += weight;
     }
-    let oriented = oriented_box(&kept);
-    let aligned = axis_aligned_box(&kept, &oriented);
+    let oriented = oriented_box(kept);
+    let aligned = axis_aligned_box(kept, &oriented);
     let smallest = kept.iter().map(|patch| patch.side).fold(0.0, f32::max).into();
     let middle = 0.5 * (aligned.min + aligned.max);
     let half = 0.5 * not_empty(aligned.max - aligned.min, smallest);
@@ -107,10 +137,10 @@ fn shape_of(patches: &[Patch], origin: DVec3) -> ObjectShape {
             size: rounded(not_empty(oriented.size.as_dvec3(), smallest)).as_vec3(),
             ..oriented
         },
-        area_m2: surface_area(&kept),
+        area_m2: surface_area(kept),
         color: color.map(|sum| (sum / area).round() as u8),
-        points: patches.len(),
-        stray_points: patches.len() - kept.len(),
+        points: patches,
+        stray_points: patches - kept.len(),
         completed_points: kept.iter().filter(|patch| patch.is_completed).count(),
     }
 }
@@ -152,14 +182,14 @@ mod tests {
     #[test]
     fn no_box_is_empty() {
         let at = |x: f32| Patch::seen(Vec3::new(x, 2.0, 3.0), 0.02);
-        let point = shape_of(&[at(1.0)], DVec3::ZERO);
+        let point = shape_of(&[at(1.0)], 1, DVec3::ZERO);
         assert_eq!(point.oriented_box.size, Vec3::splat(0.02));
         let sides = point.axis_aligned_box.max - point.axis_aligned_box.min;
         assert!(sides.abs_diff_eq(DVec3::splat(0.02), 1e-9), "{sides}");
         assert_eq!((point.centroid, point.oriented_box.center), (DVec3::new(1.0, 2.0, 3.0), DVec3::new(1.0, 2.0, 3.0)));
         // A row of patches is as long as they are, and not infinitely thin.
         let row: Vec<Patch> = (0..20).map(|place| at(0.01 * place as f32)).collect();
-        let row = shape_of(&row, DVec3::ZERO).oriented_box.size;
+        let row = shape_of(&without_stray(&row), row.len(), DVec3::ZERO).oriented_box.size;
         assert!(row.max_element() > 0.15 && row.min_element() >= 0.001, "{row}");
     }
 }

@@ -9,7 +9,8 @@ use super::disputed::undisputed;
 use super::patch_grid::PatchGrid;
 use super::patches::Patch;
 use glam::Vec3;
-use std::collections::{BTreeMap, BTreeSet};
+use std::cmp::Ordering;
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 /// Two patches are connected if the distance between their centres is at most this many times the sum of their cover
 /// radii (the patches of a surface seen at a slant of 85° are eleven of their sides apart)...
@@ -65,7 +66,7 @@ fn median_votes(patches: &[&Patch]) -> f32 {
 
 /// The part number of each patch, equal for connected patches. Patches in the same small cell are connected.
 fn connected_parts(patches: &[Patch]) -> Vec<usize> {
-    let mut cells: BTreeMap<[i32; 3], usize> = BTreeMap::new();
+    let mut cells: HashMap<[i32; 3], usize> = HashMap::new();
     let mut largest: Vec<Patch> = Vec::new();
     let cell_of_patch: Vec<usize> = patches
         .iter()
@@ -87,7 +88,6 @@ fn connected_parts(patches: &[Patch]) -> Vec<usize> {
 /// The part number of each patch, equal for patches connected by a chain of links.
 fn linked_parts(patches: &[Patch]) -> Vec<usize> {
     let mut parts = Parts::new(patches.len());
-    let mut near = Vec::new();
     // Each patch searches for patches that are not larger, in a grid for its size, so that a single large patch, e.g.
     // of a flying pixel far away, does not make the cells of all others large.
     let sizes: BTreeMap<i32, f32> = patches.iter().fold(BTreeMap::new(), |mut sizes, patch| {
@@ -98,17 +98,29 @@ fn linked_parts(patches: &[Patch]) -> Vec<usize> {
     for (size, largest) in sizes {
         let smaller = (0..patches.len()).filter(|index| size_class(&patches[*index]) <= size);
         let grid = PatchGrid::of(patches, smaller, link(2.0 * largest));
-        for (index, patch) in patches.iter().enumerate().filter(|(_, patch)| size_class(patch) == size) {
-            grid.near(patch.mean, &mut near);
-            for other in &near {
-                let link = link(patch.cover + patches[*other].cover);
-                if patch.mean.distance_squared(patches[*other].mean) <= link * link {
-                    parts.join(index, *other);
+        // Most cells soon are in one part. They need not be searched for patches in that part.
+        let mut is_in_one_part = vec![false; grid.patches().len()];
+        grid.for_each_cell(|cell, around| {
+            for index in grid.patches()[cell].iter().filter(|index| size_class(&patches[**index]) == size) {
+                for near in around {
+                    let others = &grid.patches()[near.clone()];
+                    if is_in_one_part[near.start] && parts.of(others[0]) == parts.of(*index) {
+                        continue;
+                    }
+                    let is_linked = |other: &&usize| are_linked(&patches[*index], &patches[**other]);
+                    others.iter().filter(is_linked).for_each(|other| parts.join(*index, *other));
+                    let part = parts.of(others[0]);
+                    is_in_one_part[near.start] = others.iter().all(|other| parts.of(*other) == part);
                 }
             }
-        }
+        });
     }
     (0..patches.len()).map(|index| parts.of(index)).collect()
+}
+
+fn are_linked(one: &Patch, other: &Patch) -> bool {
+    let link = link(one.cover + other.cover);
+    one.mean.distance_squared(other.mean) <= link * link
 }
 
 /// Maximum distance between the centres of two connected patches, metres, from the sum of their cover radii.
@@ -174,19 +186,33 @@ fn directions() -> impl Iterator<Item = Vec3> {
 
 /// The positions with `tail` of the weight below and above them, respectively; `weighted` are positions and weights.
 pub(super) fn weighted_quantiles(weighted: &mut [(f32, f32)], tail: f64) -> (f32, f32) {
-    weighted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let total: f64 = weighted.iter().map(|(_, weight)| f64::from(*weight)).sum();
     let outside = tail * total;
-    let end = |mut ordered: Box<dyn Iterator<Item = &(f32, f32)> + '_>| {
-        let mut passed = 0.0;
-        let found = ordered.find(|(_, weight)| {
-            passed += f64::from(*weight);
-            passed > outside
-        });
-        found.map_or(0.0, |(position, _)| *position)
-    };
-    let (low, high) = (end(Box::new(weighted.iter())), end(Box::new(weighted.iter().rev())));
+    let low = first_inside(weighted, outside, |one, other| one.total_cmp(&other));
+    let high = first_inside(weighted, outside, |one, other| other.total_cmp(&one));
     (low.min(high), high.max(low))
+}
+
+/// In the order of positions, the first with more than the weight `outside` up to it; 0 of nothing.
+fn first_inside(weighted: &mut [(f32, f32)], outside: f64, order: fn(f32, f32) -> Ordering) -> f32 {
+    let (mut passed, mut start) = (0.0, 0);
+    // A few are enough, mostly: only they are put in order.
+    while start < weighted.len() {
+        let rest = &mut weighted[start..];
+        let count = (rest.len() / 16).max(16).min(rest.len());
+        if count < rest.len() {
+            rest.select_nth_unstable_by(count, |one, other| order(one.0, other.0));
+        }
+        rest[..count].sort_unstable_by(|one, other| order(one.0, other.0));
+        for (position, weight) in &rest[..count] {
+            passed += f64::from(*weight);
+            if passed > outside {
+                return *position;
+            }
+        }
+        start += count;
+    }
+    0.0
 }
 
 #[cfg(test)]

@@ -17,7 +17,6 @@ use crate::output_folder::result_files;
 use rayon::current_num_threads;
 use rayon::prelude::*;
 use splatseg::Pipeline;
-use splatseg::pipeline::add_rooms;
 use splatseg::summary::needs_rgb;
 use splatseg_dataset::{FrameStream, GroundTruth, Scene, StreamedFrame};
 use splatseg_geometry::{FrameAnchor, SegmentId};
@@ -164,14 +163,8 @@ impl FinalPass<'_> {
         written: &mut WriterOutcome,
         changes: Option<ChangesSince<'_>>,
     ) {
-        let mut objects = pipeline.object_list();
-        pipeline.add_relations(&mut objects);
         // Surfaces are where they were, but may show other objects.
-        if let Some((plan, map)) = plan.as_mut().zip(pipeline.map()) {
-            plan.look_for_objects(&map);
-            plan.name_rooms(pipeline.names());
-            add_rooms(&mut objects, plan);
-        }
+        let objects = pipeline.objects_with_places(plan.as_mut());
         let end = RunEnd {
             scene: &self.job.scene.display().to_string(),
             objects: &objects,

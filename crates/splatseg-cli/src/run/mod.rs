@@ -45,7 +45,7 @@ use frame_loop::{FrameLoop, LoopOutcome, StateSaving};
 use progress::codebook_bar;
 use saved_run::RunState;
 use serde_json::Value;
-use splatseg::pipeline::{LoadedNetworks, PredictedDepthUse, add_rooms};
+use splatseg::pipeline::{LoadedNetworks, PredictedDepthUse};
 use splatseg::settings::MethodName;
 use splatseg::summary::Summary;
 use splatseg::{Pipeline, Settings};
@@ -293,14 +293,8 @@ fn finish_outputs(
     let images = FrameImages { scene, framing: job.settings.dataset.framing() };
     update_frames(&mut ended.written, &history, &images, &mut ended.counts);
     let keyframes = pipeline.keyframes();
-    let mut objects = pipeline.object_list();
+    let (mut objects, plan) = pipeline.objects_and_plan(PlanSettings::default());
     history.count_remapped(&mut objects);
-    pipeline.add_relations(&mut objects);
-    // Many maps show no floor.
-    let plan = pipeline.floor_plan(PlanSettings::default()).ok();
-    if let Some(plan) = &plan {
-        add_rooms(&mut objects, plan);
-    }
     ended.counts.unjoined_frames = history.unjoined_frames(&keyframes);
     let end = RunEnd {
         scene: &job.scene.display().to_string(),

@@ -100,7 +100,8 @@ impl EarlyEnd {
 }
 
 fn summary(job: &RunJob, counts: RunCounts, times: RunTimes, (scene, pipeline): (&dyn Scene, &Pipeline)) -> Summary {
-    let (map, objects) = (pipeline.map(), pipeline.object_list().counts());
+    let map = pipeline.map();
+    let objects = ObjectCounts::new(pipeline.objects(), map);
     Summary {
         frames: counts.frames,
         resumed_frames: counts.resumed_frames,

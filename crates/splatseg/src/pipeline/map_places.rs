@@ -1,9 +1,12 @@
 //! The plan of a map: of a saved one, of a pipeline's, and beside the frames.
 
+use super::stages::in_thread_pool;
 use super::{NamedMap, Pipeline, depth_views};
 use glam::{DVec2, DVec3};
 use splatseg_geometry::{MapCopy, MapView, SegmentId, UpEstimate};
-use splatseg_objects::{ListedRoom, NameError, ObjectList, ObjectNames, Relation, SceneGraph, SceneRoom, relations};
+use splatseg_objects::{
+    ListedRoom, NameError, ObjectList, ObjectNames, ObjectSurfaces, Relation, SceneGraph, SceneRoom, relations_of,
+};
 use splatseg_odometry::{PoseSourceError, StateScope};
 use splatseg_places::{FloorPlan, KnownRooms, PlanError, PlanSettings, Room};
 use std::collections::BTreeMap;
@@ -88,13 +91,16 @@ impl MapPlanInput {
     pub fn places(self, settings: PlanSettings) -> Result<MapPlaces, PoseSourceError> {
         let Self { map, keyframes, mut rooms, names } = self;
         let views = depth_views(&keyframes, None)?;
-        let mut plan = FloorPlan::new(&map.view(), &views, settings);
+        let map = map.view();
+        let surfaces = ObjectSurfaces::of(&map);
+        let mut plan = FloorPlan::without_objects(&map, &views, settings);
         if let Ok(plan) = &mut plan {
+            plan.look_for_objects(&map, &surfaces);
             plan.keep_room_ids(&mut rooms);
             plan.name_rooms(&names);
         }
         let up = UpEstimate::of(views.iter().map(|view| &view.world_from_camera));
-        let relations = up.map_or_else(Vec::new, |up| relations(&map.view(), up));
+        let relations = up.map_or_else(Vec::new, |up| relations_of(&map, &surfaces, up));
         Ok(MapPlaces { listed: plan.as_ref().ok().map(ListedRooms::of), plan, rooms, relations })
     }
 }
@@ -111,6 +117,34 @@ impl Pipeline {
         plan.name_rooms(self.names());
         self.history.rooms = rooms;
         Ok(plan)
+    }
+
+    /// The plan of the map as it is now, as [`Self::floor_plan`], and the objects with their relations and rooms, as
+    /// [`Self::objects_with_places`]: both at the same time. There is no plan where [`Self::floor_plan`] fails: many maps show no
+    /// floor.
+    pub fn objects_and_plan(&mut self, settings: PlanSettings) -> (ObjectList, Option<FloorPlan>) {
+        let Some(map) = self.map() else { return (self.object_list(), None) };
+        let (keyframes, up) = (self.saved_poses(StateScope::Map), self.up());
+        let space = || {
+            let views = depth_views(&keyframes?, None).ok()?;
+            FloorPlan::without_objects(&map, &views, settings).ok()
+        };
+        let measured = || {
+            let surfaces = ObjectSurfaces::of(&map);
+            let relations = up.map_or_else(Vec::new, |up| relations_of(&map, &surfaces, up));
+            (surfaces, relations)
+        };
+        let (mut plan, (surfaces, relations)) = in_thread_pool(|| rayon::join(space, measured));
+        let mut list = self.list_with(&map, &surfaces, &relations);
+        if let Some(plan) = &mut plan {
+            plan.look_for_objects(&map, &surfaces);
+            let mut rooms = self.history.rooms.clone();
+            plan.keep_room_ids(&mut rooms);
+            plan.name_rooms(self.names());
+            self.history.rooms = rooms;
+            add_rooms(&mut list, plan);
+        }
+        (list, plan)
     }
 
     /// The input of [`Self::floor_plan`], for another thread; `None` without a map with keyframes.
@@ -191,7 +225,7 @@ fn plan_of(
 }
 
 /// Adds the rooms of a plan to a list of the same map's objects.
-pub fn add_rooms(list: &mut ObjectList, plan: &FloorPlan) {
+pub(super) fn add_rooms(list: &mut ObjectList, plan: &FloorPlan) {
     ListedRooms::of(plan).add_to(list);
 }
 

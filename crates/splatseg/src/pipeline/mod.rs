@@ -34,7 +34,7 @@ pub use frame_result::FrameResult;
 pub use frames::{Frames, Processed};
 pub use late::{LateFrame, WaitingFrames};
 pub use map_history::MapHistory;
-pub use map_places::{MapPlaces, MapPlanError, MapPlanInput, RoomNameError, add_rooms};
+pub use map_places::{MapPlaces, MapPlanError, MapPlanInput, RoomNameError};
 pub use merged_objects::MergeObjectsError;
 pub use named_map::{NamedMap, depth_views};
 pub use plan_beside::PlanBeside;

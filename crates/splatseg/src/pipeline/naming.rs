@@ -284,7 +284,11 @@ impl Pipeline {
     /// The objects seen so far or in the memory, with their labels, and when they were seen. Confidences and best views are unknown until
     /// [`ObjectList::add_sightings`] is called.
     pub fn object_list(&self) -> ObjectList {
-        let mut list = ObjectList::new(&self.objects, self.map());
+        self.described(ObjectList::new(&self.objects, self.map()))
+    }
+
+    /// A list of this pipeline's objects with their labels, and when they were seen.
+    pub(super) fn described(&self, mut list: ObjectList) -> ObjectList {
         list.add_names(&self.names.names);
         list.add_seen_times(&self.history.seen());
         list

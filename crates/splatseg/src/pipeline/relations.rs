@@ -1,21 +1,41 @@
 //! Relations between the objects of a map, and its scene graph.
 
+use super::map_places::add_rooms;
 use super::{NamedMap, Pipeline};
 use glam::Vec3;
-use splatseg_geometry::UpEstimate;
-use splatseg_objects::{ObjectList, SceneGraph, SceneObject, SceneRoom, relations};
+use splatseg_geometry::{MapView, UpEstimate};
+use splatseg_objects::{
+    ObjectList, ObjectSurfaces, Relation, SceneGraph, SceneObject, SceneRoom, relations, relations_of,
+};
 use splatseg_odometry::{PoseSourceError, keyframe_views};
-use splatseg_places::{PlanSettings, Room};
+use splatseg_places::{FloorPlan, PlanSettings, Room};
 
 impl Pipeline {
-    /// Adds the relations between objects that are certain to a list of this pipeline. None without keyframes, since they
-    /// tell where up is.
-    pub fn add_relations(&self, list: &mut ObjectList) {
-        let keyframes = self.keyframes();
-        let up = UpEstimate::of(keyframes.values().map(|keyframe| &keyframe.world_from_keyframe));
-        if let Some((map, up)) = self.map().zip(up) {
-            list.set_relations(&relations(&map, up));
+    /// Where up is, as the camera of the keyframes was held: a unit vector in world coordinates. `None` without keyframes.
+    pub(super) fn up(&self) -> Option<Vec3> {
+        UpEstimate::of(self.keyframes().values().map(|keyframe| &keyframe.world_from_keyframe))
+    }
+
+    /// The objects as [`Self::object_list`] has them, with the relations between them that are certain, and with their rooms if
+    /// there is a plan of the map. Objects are looked for again in the plan: the map may show other ones than it did.
+    pub fn objects_with_places(&self, plan: Option<&mut FloorPlan>) -> ObjectList {
+        let Some(map) = self.map() else { return self.object_list() };
+        let surfaces = ObjectSurfaces::of(&map);
+        let relations = self.up().map_or_else(Vec::new, |up| relations_of(&map, &surfaces, up));
+        let mut list = self.list_with(&map, &surfaces, &relations);
+        if let Some(plan) = plan {
+            plan.look_for_objects(&map, &surfaces);
+            plan.name_rooms(self.names());
+            add_rooms(&mut list, plan);
         }
+        list
+    }
+
+    /// The objects of the map with these surfaces and relations.
+    pub(super) fn list_with(&self, map: &MapView<'_>, surfaces: &ObjectSurfaces, relations: &[Relation]) -> ObjectList {
+        let mut list = self.described(ObjectList::with_surfaces(self.objects(), Some(*map), surfaces));
+        list.set_relations(relations);
+        list
     }
 }
 
