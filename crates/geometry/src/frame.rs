@@ -261,8 +261,10 @@ impl<'a> CameraFrame<'a> {
 
 /// Replaces values that are no depth by 0.
 fn remove_unusable(depth: &mut CowImage<'_, f32>) {
-    let is_measured_or_zero = |value: &f32| value.is_finite() && *value >= 0.0 && value.is_sign_positive();
-    if !depth.pixels().iter().all(is_measured_or_zero) {
+    // Positive and finite, by the bits: vector code for the many images in which all values are.
+    let is_measured_or_zero = |value: &f32| value.to_bits() < f32::INFINITY.to_bits();
+    let largest = depth.pixels().iter().map(|value| value.to_bits()).fold(0, u32::max);
+    if largest >= f32::INFINITY.to_bits() {
         for value in depth.pixels_mut().iter_mut().filter(|value| !is_measured_or_zero(value)) {
             *value = 0.0;
         }

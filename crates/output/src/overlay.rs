@@ -61,17 +61,21 @@ fn draw(mut image: Image<[u8; 3]>, segments: &SegmentMap) -> Image<[u8; 3]> {
     let (width, height) = segments.size();
     let mut last = (0, segment_color(0));
     for (row, pixels) in image.pixels_mut().chunks_mut(width.max(1)).enumerate() {
-        let ids = segments.row(row);
         let below = segments.row((row + 1).min(height - 1));
-        for (column, pixel) in pixels.iter_mut().enumerate() {
-            let id = ids[column];
-            if id != ids[(column + 1).min(width - 1)] || id != below[column] {
-                *pixel = [255; 3];
-            } else if id != 0 {
-                if last.0 != id {
-                    last = (id, segment_color(id));
-                }
-                *pixel = blended(*pixel, last.1);
+        let mut column = 0;
+        for run in segments.row(row).chunk_by(|one, next| one == next) {
+            let (id, columns) = (run[0], column..column + run.len());
+            column = columns.end;
+            if id != last.0 {
+                last = (id, segment_color(id));
+            }
+            let (pixels, below) = (&mut pixels[columns.clone()], &below[columns]);
+            for (pixel, below) in pixels.iter_mut().zip(below) {
+                let inside = if id == 0 { *pixel } else { blended(*pixel, last.1) };
+                *pixel = if id == *below { inside } else { [255; 3] };
+            }
+            if column < width {
+                pixels[run.len() - 1] = [255; 3];
             }
         }
     }

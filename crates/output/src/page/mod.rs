@@ -73,6 +73,8 @@ pub struct Page {
     /// Width, height and encoded ids of the frames not yet written.
     chunk: Vec<(usize, usize, String)>,
     chunks: usize,
+    /// True if the folder may have the frames' pictures already.
+    has_pictures: bool,
 }
 
 /// Saved state of a frame: its name, timestamp (seconds), pose and objects, and its camera if it is a new one.
@@ -104,6 +106,11 @@ impl Page {
     /// A page without frames.
     pub fn new() -> Self {
         Self::default()
+    }
+
+    /// A page without frames, of a run that has made one for the same frames before: their pictures stay as they are.
+    pub fn again() -> Self {
+        Self { has_pictures: true, ..Self::default() }
     }
 
     fn add_pose(&mut self, record: &FrameRecord) {
@@ -205,8 +212,10 @@ impl RunOutput for Page {
         self.names.push(record.file_name.clone());
         self.stamps.push(stamp(record));
         let file = format!("pictures/{}.jpg", record.file_name);
-        let jpeg = picture::small_jpeg(&folder.path_of(&file), record.frame.color())?;
-        folder.write(&file, &jpeg)?;
+        let path = folder.path_of(&file);
+        if !(self.has_pictures && path.is_file()) {
+            folder.write(&file, &picture::small_jpeg(&path, record.frame.color())?)?;
+        }
         self.add_sightings(frame, &record.objects, &record.remapped);
         let small = ids::reduce_ids(&record.segments);
         self.chunk.push((small.width(), small.height(), STANDARD.encode(ids::encode_ids(&small))));

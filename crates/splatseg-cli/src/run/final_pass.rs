@@ -67,7 +67,7 @@ impl FinalPass<'_> {
         let LoopOutcome { counts, written, early } = ended;
         let Some(shown) = written.shown_path() else { return false };
         let mut decided = Decided {
-            outputs: outputs::of(self.job),
+            outputs: outputs::again(self.job),
             objects: ObjectLog::default(),
             seen: SeenTimes::default(),
             ids: BTreeSet::new(),

@@ -55,15 +55,16 @@ impl ShownFile {
 /// # Errors
 /// Never in memory.
 pub fn line(segments: &SegmentMap, regions: Option<&SegmentMap>) -> io::Result<Vec<u8>> {
-    let mut encoder = DeflateEncoder::new(Vec::new(), Compression::fast());
+    let mut numbers: Vec<u8> = Vec::new();
     for image in std::iter::once(segments).chain(regions) {
         let runs: Vec<&[u32]> = image.pixels().chunk_by(|one, next| one == next).collect();
-        let numbers = [image.width() as u32, image.height() as u32, runs.len() as u32];
-        encoder.write_all(&numbers.map(u32::to_le_bytes).concat())?;
-        for run in runs {
-            encoder.write_all(&[run[0], run.len() as u32].map(u32::to_le_bytes).concat())?;
-        }
+        let head = [image.width() as u32, image.height() as u32, runs.len() as u32];
+        numbers.extend(head.into_iter().flat_map(u32::to_le_bytes));
+        numbers.extend(runs.iter().flat_map(|run| [run[0], run.len() as u32]).flat_map(u32::to_le_bytes));
     }
+    // In one piece: each call clears the encoder's whole buffer.
+    let mut encoder = DeflateEncoder::new(Vec::new(), Compression::fast());
+    encoder.write_all(&numbers)?;
     Ok(format!("\"{}\"", STANDARD.encode(encoder.finish()?)).into_bytes())
 }
 
