@@ -54,7 +54,7 @@ pub(crate) fn expected_depth(map: &Balls, camera: &Camera, settings: &MemorySett
     let (width, height) = (camera.intrinsics.width, camera.intrinsics.height);
     let unknown = Image::filled(width, height, 0.0);
     let (view, tiles) =
-        View::read(&VisibleBalls::new(map, &[]), camera, |tile| TileSurface::read(tile, &unknown, settings));
+        View::read_once(&VisibleBalls::new(map, &[]), camera, |tile| TileSurface::read(tile, &unknown, settings));
     let mut depth = Image::filled(width, height, 0.0);
     for (tile, surface) in view.weights().tiles().iter().zip(tiles) {
         let ((left, top), (width, height)) = (tile.origin(), tile.size());
@@ -78,6 +78,15 @@ pub(crate) struct FramePlace {
     pub viewed_from: LocalPose,
     /// Transform from the world of earlier poses to the world of the frame's pose, if they differ.
     pub jump: Option<Pose>,
+}
+
+/// Use of the blend weights of a view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum UseOfWeights {
+    /// The frame is learnt with them: they are kept.
+    Learning,
+    /// Only the view is read.
+    Reading,
 }
 
 /// The segments that a store reads from one tile of a view. Buffers are `[16, 16]`, row-major.
@@ -104,6 +113,7 @@ impl<'f> Recall<'f> {
         frame: &'f RgbdFrame,
         place: &FramePlace,
         trust: FrameTrust,
+        use_of_weights: UseOfWeights,
         (settings, rules): (&MemorySettings, &MemoryRules),
     ) -> Self {
         let camera = &Camera { limits: rules.limits, ..Camera::new(*frame.intrinsics(), &place.viewed_from) };
@@ -115,10 +125,14 @@ impl<'f> Recall<'f> {
         };
         let forgets = !is_papers_map && settings.removal_frames > 0;
         let visible = VisibleBalls::new(map, if forgets { &visibility } else { &[] });
-        let (view, tiles) = View::read(&visible, camera, |tile| {
+        let read_tile = |tile: &TileWeights| {
             let surface = TileSurface::read(tile, frame.depth(), settings);
             (read_tile(tile, &surface), surface)
-        });
+        };
+        let (view, tiles) = match use_of_weights {
+            UseOfWeights::Learning => View::read(&visible, camera, read_tile),
+            UseOfWeights::Reading => View::read_once(&visible, camera, read_tile),
+        };
         let (width, height) = (frame.width(), frame.height());
         let mut recall = Self {
             frame,

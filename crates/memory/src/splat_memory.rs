@@ -6,7 +6,7 @@ use crate::growth::new_gaussians;
 use crate::map::SplatMap;
 use crate::origin::{MIN_FAR_FRAMES, change_of_origin, is_far, origin_for};
 use crate::patches::{PatchGraph, Scope};
-use crate::recall::{FramePlace, Recall, expected_depth};
+use crate::recall::{FramePlace, Recall, UseOfWeights, expected_depth};
 use crate::recent::RecentFrames;
 use crate::removal::{FrameTrust, Visibility, longest_unseen, record_visibility, visibilities};
 use crate::segment_store::SegmentStore;
@@ -167,7 +167,8 @@ impl SplatMemory {
         };
         let trust = self.recent.trust(frame, &place.viewed_from, &self.settings);
         let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile(tile, surface);
-        let recall = Recall::new(&self.map.balls, read_tile, frame, &place, trust, (&self.settings, &self.rules));
+        let rules = (&self.settings, &self.rules);
+        let recall = Recall::new(&self.map.balls, read_tile, frame, &place, trust, UseOfWeights::Learning, rules);
         if !self.rules.expects_previous_ids {
             return recall;
         }
@@ -193,7 +194,8 @@ impl SplatMemory {
         let verdicts = self.patches.verdicts();
         let read_tile = |tile: &TileWeights, surface: &TileSurface| self.store.read_tile_with(tile, surface, &verdicts);
         let rules = (&self.settings, &self.rules);
-        let recall = Recall::new(&self.map.balls, read_tile, frame, &place, FrameTrust::Alone, rules);
+        let (trust, weights) = (FrameTrust::Alone, UseOfWeights::Reading);
+        let recall = Recall::new(&self.map.balls, read_tile, frame, &place, trust, weights, rules);
         let replacements = replaced::compared_colors(self, &recall, shown, |_| true).replacements;
         let mut belief = recall.belief;
         if !replacements.is_empty() {

@@ -37,7 +37,7 @@ impl TileRasteriser {
     }
 
     /// Blends the Gaussians `keys`, front to back, into tile number `tile`.
-    pub fn rasterise(&mut self, scene: &Scene<'_>, tile: usize, keys: &[DepthKey]) -> TileWeights {
+    pub fn rasterise(&mut self, scene: &Scene<'_>, tile: usize, keys: &[DepthKey]) -> &TileWeights {
         let grid = scene.grid;
         let left = tile % grid.columns * TILE;
         let top = tile / grid.columns * TILE;
@@ -45,8 +45,7 @@ impl TileRasteriser {
         self.clear(width, height);
         self.weights.restart(left, top, width, height);
         Instructions::best().run(BlendAll { rasteriser: self, scene, keys });
-        // A copy has the right size; the working memory keeps its capacity.
-        self.weights.clone()
+        &self.weights
     }
 
     fn clear(&mut self, width: usize, height: usize) {

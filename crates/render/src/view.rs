@@ -33,6 +33,27 @@ impl View {
         camera: &Camera,
         read_tile: impl Fn(&TileWeights) -> T + Sync,
     ) -> (Self, Vec<T>) {
+        // A copy has the right size; the rasteriser's memory keeps its capacity.
+        Self::read_keeping(gaussians, camera, read_tile, TileWeights::clone)
+    }
+
+    /// As [`View::read`], for views of which nothing else is needed: [`View::weights`] has tiles without weights.
+    pub fn read_once<T: Send>(
+        gaussians: &(impl Splats + ?Sized),
+        camera: &Camera,
+        read_tile: impl Fn(&TileWeights) -> T + Sync,
+    ) -> (Self, Vec<T>) {
+        Self::read_keeping(gaussians, camera, read_tile, |tile| {
+            TileWeights::empty(tile.left, tile.top, tile.width, tile.height)
+        })
+    }
+
+    fn read_keeping<T: Send>(
+        gaussians: &(impl Splats + ?Sized),
+        camera: &Camera,
+        read_tile: impl Fn(&TileWeights) -> T + Sync,
+        keep: fn(&TileWeights) -> TileWeights,
+    ) -> (Self, Vec<T>) {
         let stage = tracing::debug_span!(target: STAGE_TARGET, "project_and_bin").entered();
         let grid = TileGrid::new(camera.intrinsics.width, camera.intrinsics.height);
         let splats = project(gaussians, 0, camera);
@@ -46,8 +67,7 @@ impl View {
             .enumerate()
             .map_init(TileRasteriser::new, |rasteriser, (tile, keys)| {
                 let weights = rasteriser.rasterise(&scene, tile, keys);
-                let found = read_tile(&weights);
-                (weights, found)
+                (keep(weights), read_tile(weights))
             })
             .unzip();
         let weights = BlendWeights { width: grid.width, height: grid.height, tiles, tile_columns: grid.columns.max(1) };
