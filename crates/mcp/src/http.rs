@@ -2,7 +2,7 @@
 //! SDK. Each request is answered by itself, as JSON; there are no sessions.
 //!
 //! A client needs the token, as `Authorization: Bearer TOKEN` or as `?token=TOKEN`. Pages of browsers are refused: requests
-//! with an `Origin`, and on loopback those with a `Host` that is no loopback name (DNS rebinding).
+//! with an `Origin`, and on loopback those whose `Host` is not a loopback name (DNS rebinding).
 
 use crate::{Assistant, MAX_MESSAGE_BYTES, MapServer, McpError};
 use http_body_util::combinators::BoxBody;

@@ -37,7 +37,7 @@ pub fn add_sightings(list: &mut ObjectList, path: &Path) -> Result<Option<FrameS
     let bytes = read_file(path, MAX_BYTES).map_err(|error| wrong(error.to_string()))?;
     let text = text_of(bytes).map_err(|error| wrong(error.to_string()))?;
     let seen: ObjectList =
-        serde_json::from_str(&text).map_err(|error| wrong(format!("is no objects.json: {error}")))?;
+        serde_json::from_str(&text).map_err(|error| wrong(format!("is not a valid objects.json: {error}")))?;
     if seen.format != ObjectList::FORMAT {
         return Err(wrong(format!("format: found {:?}, expected {:?}", seen.format, ObjectList::FORMAT)));
     }

@@ -1,4 +1,4 @@
-//! What naming objects beside the frames costs a stream: a scene is played at a steady rate, forwards and backwards, with a
+//! Cost of naming objects beside the frames of a stream: a scene is played at a steady rate, forwards and backwards, with a
 //! network that names objects and without one, in turn. Frames that are due while one is processed are left out, as with a
 //! camera. The weights do not matter for the time, so a file of random ones will do (`tools/time_clip_pytorch.py`).
 //!
@@ -10,7 +10,7 @@ use splatseg::{Pipeline, RgbdFrame};
 use std::error::Error;
 use std::time::{Duration, Instant};
 
-/// What a run has shown.
+/// Measurements of a run.
 struct Played {
     /// Time of each frame, milliseconds, in ascending order.
     times: Vec<f64>,

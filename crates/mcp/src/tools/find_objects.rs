@@ -34,7 +34,7 @@ pub struct Output {
 pub struct Found {
     /// How well it fits, 0 to 1.
     score: f32,
-    /// What of it fits: label (its name), picture, color, size.
+    /// Which of its properties fit: label (its name), picture, color, size.
     by: Vec<String>,
     /// The object.
     object: ObjectFacts,

@@ -21,7 +21,7 @@ struct LastSeen {
     form: Form,
 }
 
-/// What is saved.
+/// The saved content.
 #[derive(Debug)]
 enum Form {
     Nothing,

@@ -26,7 +26,7 @@ const HALVES: [[f32; 3]; 2] = [[0.5; 3], [0.5; 3]];
 /// Sizes of a CLIP network, and how its input is prepared.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ClipConfig {
-    /// What the tensors are called.
+    /// Names of the tensors.
     pub layout: ClipLayout,
     /// Side of the input image, pixels.
     pub image_size: usize,
@@ -44,7 +44,7 @@ pub struct ClipConfig {
     pub embedding: usize,
     /// Mean and standard deviation by which images are normalised, of channels from 0 to 1.
     pub normalisation: [[f32; 3]; 2],
-    /// What neither shapes nor a configuration told, in words; empty if nothing was assumed.
+    /// Assumptions where neither shapes nor a configuration decide, in words; empty if there are none.
     pub assumed: Vec<String>,
 }
 

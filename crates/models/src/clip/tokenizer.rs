@@ -163,7 +163,7 @@ fn byte_characters() -> Vec<(u8, char)> {
 #[derive(Debug)]
 struct Letters(Vec<(char, char)>);
 
-/// What a word is made of.
+/// Kind of a character.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Space,

@@ -20,7 +20,7 @@ const CONFIG_FILES: [&str; 1] = ["config.json"];
 const INDOOR_DEPTH: f32 = 20.0;
 const OUTDOOR_DEPTH: f32 = 80.0;
 
-/// What a network returns.
+/// Kind of depth that a network returns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DepthOutput {
     /// Inverse depth up to scale and shift, 0 or more.
@@ -42,7 +42,7 @@ impl DepthOutput {
 /// Sizes of a Depth Anything network, and what it returns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DepthAnythingConfig {
-    /// What the tensors are called.
+    /// Names of the tensors.
     pub layout: DepthAnythingLayout,
     /// Side of a patch, pixels.
     pub patch: usize,
@@ -58,9 +58,9 @@ pub struct DepthAnythingConfig {
     pub features: usize,
     /// Channels before the last layer.
     pub head: usize,
-    /// What the network returns.
+    /// Kind of depth that the network returns.
     pub output: DepthOutput,
-    /// What neither shapes nor a configuration told, in words; empty if nothing was assumed.
+    /// Assumptions where neither shapes nor a configuration decide, in words; empty if there are none.
     pub assumed: Vec<String>,
 }
 
@@ -167,7 +167,7 @@ impl Reader<'_> {
         })
     }
 
-    /// What the network returns: as the configuration says, else as the file's name does. The tensors are the same.
+    /// Kind of depth that the network returns: as the configuration says, else as the file's name does. The tensors are the same.
     fn output(&mut self) -> Result<DepthOutput, DepthAnythingError> {
         if let Some(kind) = self.value(&["depth_estimation_type"]).and_then(Value::as_str) {
             let depth = self.value(&["max_depth"]).and_then(Value::as_f64).unwrap_or(1.0) as f32;

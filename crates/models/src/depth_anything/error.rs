@@ -16,7 +16,7 @@ pub enum DepthAnythingError {
     OtherNetwork {
         /// The file.
         path: PathBuf,
-        /// What it has.
+        /// The value found.
         found: String,
     },
     /// A size of the network is not possible, or not supported.
@@ -24,11 +24,11 @@ pub enum DepthAnythingError {
     Size {
         /// The checkpoint, or the configuration beside it.
         path: PathBuf,
-        /// What has the size.
+        /// The part with the size.
         what: String,
         /// The size.
         found: String,
-        /// What would be possible.
+        /// The values allowed.
         expected: String,
     },
     /// The network computed numbers that are not finite.

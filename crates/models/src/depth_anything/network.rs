@@ -58,7 +58,7 @@ impl DepthAnythingNetwork {
         input_size(size, short_side, self.config.patch)
     }
 
-    /// What the network returns for an image, of the image's size: see [`DepthOutput`]. The image is processed with its
+    /// The network's output for an image, of the image's size: see [`DepthOutput`]. The image is processed with its
     /// short side resized to `short_side` pixels (rounded down to whole patches), and the result is enlarged to the image.
     /// Results do not depend on the number of threads.
     ///

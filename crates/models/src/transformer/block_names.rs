@@ -1,4 +1,4 @@
-//! What the tensors of a transformer are called.
+//! Names of the tensors of a transformer.
 
 use crate::checkpoint::Checkpoint;
 

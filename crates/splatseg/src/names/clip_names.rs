@@ -102,7 +102,7 @@ impl ClipNames {
         Ok(weighted_mean(embeddings.iter().map(Vec::as_slice).zip(weights)))
     }
 
-    /// What the network sees of views, each image with its weight. `before_view` is called before each.
+    /// The crops of views for the network, each with its weight. `before_view` is called before each.
     fn images_of_views(&self, views: &[(&ObjectView, f64)], before_view: impl Fn()) -> (Vec<Image<[u8; 3]>>, Vec<f64>) {
         let side = self.network.config().image_size;
         let (mut seen, mut weights) = (Vec::new(), Vec::new());

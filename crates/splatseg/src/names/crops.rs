@@ -1,4 +1,4 @@
-//! What a network sees of an object: its view with some of its surroundings, and the same with these dimmed.
+//! The images of an object for a network: its view with some of its surroundings, and the same with these dimmed.
 
 use splatseg_geometry::Image;
 use splatseg_objects::ObjectView;

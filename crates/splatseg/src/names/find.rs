@@ -24,7 +24,7 @@ pub struct FoundObject {
     pub label: Option<String>,
     /// How well it fits, 0 to 1.
     pub score: f32,
-    /// What of it fits: `label`, `picture`, `color`, `size`.
+    /// Which of its properties fit: `label`, `picture`, `color`, `size`.
     pub by: Vec<&'static str>,
 }
 

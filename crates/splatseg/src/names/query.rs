@@ -1,4 +1,4 @@
-//! What a text asks for: a thing, a colour, a size.
+//! Parsed queries: a thing, a colour, a size.
 
 /// Words for colours, with their sRGB.
 const COLORS: [(&str, [u8; 3]); 22] = [
@@ -63,12 +63,12 @@ pub enum AskedSize {
     Large,
 }
 
-/// What a text asks for.
+/// A parsed query.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Query {
     /// The whole text.
     pub text: String,
-    /// What is left of it without words for colour and size, in lower case; empty if nothing is.
+    /// The rest of the text without words for colour and size, in lower case; empty if there is none.
     pub thing: String,
     /// A colour, sRGB.
     pub color: Option<[u8; 3]>,

@@ -32,9 +32,9 @@ pub enum VocabularyError {
         path: PathBuf,
         /// The line, from 1.
         line: usize,
-        /// What it has.
+        /// The value found.
         found: String,
-        /// What it should have.
+        /// The values allowed.
         expected: String,
     },
     /// The file has no labels, or too many.
@@ -144,7 +144,7 @@ fn words_of(line: &str) -> Option<Vec<String>> {
     (!words.is_empty()).then_some(words)
 }
 
-/// What is wrong with words, and what was expected.
+/// A problem with words: the value found, and the values allowed.
 fn check(words: &[String]) -> Result<(), (String, String)> {
     if words.len() > MAX_WORDS {
         return Err((format!("{} words", words.len()), format!("at most {MAX_WORDS}")));

@@ -8,7 +8,7 @@ use splatseg_settings::{Allowed, Choice, choices, settings};
 use std::sync::Arc;
 
 choices! {
-    /// What a network returns, which its tensors do not tell.
+    /// Kind of depth that a network returns, which its tensors do not show.
     pub enum DepthAnythingOutput, default Auto {
         /// As a `config.json` beside the file or the file's name says.
         Auto = "auto",
@@ -28,7 +28,7 @@ settings! {
         /// The image's short side as the network sees it, pixels, rounded down to whole patches of 14. The networks were trained
         /// at 518, which takes five times as long.
         short_side: usize = 252, Allowed::between(56.0, 1036.0);
-        /// What the network returns: `relative`, inverse depth without a scale, or metres as `indoor` or `outdoor` networks do.
+        /// Kind of depth that the network returns: `relative`, inverse depth without a scale, or metres as `indoor` or `outdoor` networks do.
         /// `auto`: as a `config.json` beside the file says, else the file's name: `metric` for metres, with `vkitti` outdoors.
         output: DepthAnythingOutput = DepthAnythingOutput::Auto, Allowed::Names(DepthAnythingOutput::NAMES);
     }

@@ -23,7 +23,7 @@ const LABELS_INTERVAL: Duration = Duration::from_secs(2);
 /// An error of the namer.
 type NamerError = Box<dyn Error + Send + Sync>;
 
-/// What the thread is to do.
+/// Requests to the thread.
 pub(super) enum Job {
     /// Name an object from its views, whose score together is the last number.
     Object(Box<Object>, Vec<(ObjectView, f64)>, f64),
@@ -31,7 +31,7 @@ pub(super) enum Job {
     Labels(Vec<(SegmentId, Vec<f32>)>),
 }
 
-/// What the thread has done.
+/// Results of the thread.
 pub(super) enum Named {
     /// The name of an object, and the score of the views that it is from.
     Object(SegmentId, ObjectName, f64),
@@ -43,7 +43,7 @@ pub(super) enum Named {
 pub(super) struct NamingBeside {
     jobs: Sender<Job>,
     done: Receiver<(Result<Named, NamerError>, Duration)>,
-    /// What it works on.
+    /// The present job.
     work: Option<Work>,
     /// When it may be given the next job.
     next: Instant,
@@ -57,7 +57,7 @@ pub(super) struct NamingBeside {
     _pool: rayon::ThreadPool,
 }
 
-/// What a thread works on.
+/// The present job of the thread.
 #[derive(Clone, Copy, PartialEq)]
 enum Work {
     Object(SegmentId),

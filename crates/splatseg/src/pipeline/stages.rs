@@ -11,7 +11,7 @@ use splatseg_segmenter::{Segmenter, SegmenterError};
 use splatseg_tracking::Method;
 use std::time::{Duration, Instant};
 
-/// What the segmenter has found in a frame, and its time.
+/// The segmenter's output for a frame, and its time.
 pub(super) struct Segmented {
     found: Result<Segmentation, SegmenterError>,
     time: Duration,

@@ -46,7 +46,7 @@ pub struct Pipeline {
     unreported: Unreported,
 }
 
-/// What has become known with frames without a result, to be told with the next one.
+/// News from frames without a result, to be reported with the next result.
 #[derive(Default)]
 struct Unreported {
     remapped: Vec<RemappedId>,

@@ -234,7 +234,7 @@ fn named_without_their_word(mut network: ClipNames, rooms: &[(Room, Names)]) -> 
     named
 }
 
-/// What wrong labels are given most often: how many objects of a kind have which.
+/// The most frequent wrong labels: how many objects of a kind have which.
 fn confusions(rooms: &[(Room, Names)], network: &ClipNames) -> Vec<(usize, String, String)> {
     let mut counts: BTreeMap<(String, String), usize> = BTreeMap::new();
     for (room, names) in rooms {
