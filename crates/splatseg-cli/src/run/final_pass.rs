@@ -113,12 +113,13 @@ impl FinalPass<'_> {
         decided: &mut Decided,
     ) -> Result<Option<EarlyEnd>, OutputError> {
         let unreadable = |source| OutputError::Read { path: path.to_owned(), source };
+        // Opened first, so that frames are read while the map settles.
+        let stream = FrameStream::open(Arc::clone(self.scene), &self.job.settings.dataset, GroundTruth::Skip)?;
         pipeline.settle();
         let mut depth = pipeline.take_depth_again();
         let Some(hindsight) = pipeline.hindsight() else { return Ok(None) };
         let corrections = history.pose_corrections(&pipeline.keyframes());
         let mut lines = shown_frames::read(path).map_err(unreadable)?;
-        let stream = FrameStream::open(Arc::clone(self.scene), &self.job.settings.dataset, GroundTruth::Skip)?;
         let mut frames = history.written().iter().enumerate().peekable();
         let mut progress = Progress::again(history.written().len());
         let at_once = current_num_threads().clamp(1, MOST_AT_ONCE);
