@@ -5,7 +5,7 @@
 //! | `of_gaussians` | `u32 [n]` | patch of each Gaussian, 4294967295 for none; without it, none has one |
 //! | `frames` | `u32 [n]` | frames in which each patch was seen; without it, none |
 //! | `ids` | `u32 [n, 3]` | patch, id, pixels of all frames that were predicted as that id there |
-//! | `pairs` | `u32 [n, 3]` | the patches of a pair, the smaller one first, and the number of pairs of pixels |
+//! | `pairs` | `u32 [n, 3]` | the patches of a pair, the smaller one first, and the number of pairs of pixels; by increasing patches |
 //! | `sums` | `i32 [n]` | sum of the log-odds of each of `pairs`, units of 1/16 |
 
 use super::{IDS_PER_PATCH, MAX_PAIRS, NO_PATCH, PairEvidence, Patch, PatchGraph, pair_key, patches_of};
