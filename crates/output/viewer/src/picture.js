@@ -114,9 +114,10 @@ export class Picture {
     await Promise.allSettled([...images.map((image) => image.decode()), frame.ids()]);
   }
 
-  /** Highlights objects, or none. */
+  /** Highlights objects; none for an id of 0, which is that of pixels without an object. */
   mark(objects) {
     this.#objects = new Set(objects);
+    this.#objects.delete(0);
     this.#draw();
   }
 

@@ -79,6 +79,17 @@ fn dimmed_part(browser: &mut Browser) -> f64 {
 }
 
 #[test]
+fn pixels_without_an_object_are_not_marked() {
+    let Some(mut browser) = Browser::start("pixels_without_an_object_are_not_marked", 1000, 720) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let out = run_on_room(folder.path(), &["--set", "min_area=3000"]);
+    let ids = read_segments_png(&out.join("segments/000003.png")).unwrap();
+    assert!(ids.pixels().contains(&0), "no pixel is left without an object");
+    open(&mut browser, &out, "#frame=3");
+    assert_eq!((selected(&mut browser), dimmed_part(&mut browser)), (0, 0.0));
+}
+
+#[test]
 fn clicks_in_list_picture_and_map_mark_the_object_everywhere() {
     let name = "clicks_in_list_picture_and_map_mark_the_object_everywhere";
     let Some(mut browser) = Browser::start(name, 1000, 720) else { return };
