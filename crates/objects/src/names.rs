@@ -142,7 +142,7 @@ impl ObjectName {
             .chain(self.alternatives.iter().map(|other| &other.label))
             .try_for_each(|label| check_label(label))?;
         check_finite(&self.embedding)?;
-        // JSON has no NaN; a score that is no number says nothing.
+        // JSON has no NaN; a score that is not a number says nothing.
         self.score = self.score.filter(|score| score.is_finite());
         self.alternatives.retain(|other| other.score.is_finite());
         Ok(self)

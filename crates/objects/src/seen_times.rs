@@ -45,7 +45,7 @@ impl SeenTimes {
         self.times.get(&id).copied()
     }
 
-    /// Records the objects of a frame with this stamp, seconds. A stamp that is no number is left out.
+    /// Records the objects of a frame with this stamp, seconds. A stamp that is not a number is left out.
     pub fn record(&mut self, time_s: f64, sightings: &[ObjectSighting]) {
         let now = SeenTime { first_s: time_s, last_s: time_s };
         for sighting in sightings.iter().filter(|_| time_s.is_finite()) {

@@ -32,11 +32,9 @@ impl PatchPairs {
 
     /// All pairs with their evidence, by increasing [`pair_key`].
     pub fn iter(&self) -> impl Iterator<Item = (u64, PairEvidence)> + '_ {
-        let of_patch = |(one, pairs): (usize, &Vec<(u32, PairEvidence)>)| {
-            let key = move |(other, evidence): (u32, PairEvidence)| (pair_key(one as u32, other), evidence);
-            pairs.clone().into_iter().map(key)
-        };
-        self.above.iter().enumerate().flat_map(of_patch)
+        self.above.iter().enumerate().flat_map(|(one, pairs)| {
+            pairs.iter().map(move |(other, evidence)| (pair_key(one as u32, *other), *evidence))
+        })
     }
 
     /// Adds evidence about a pair of two patches.

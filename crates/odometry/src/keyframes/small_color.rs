@@ -10,7 +10,7 @@ const MAX_SIDE: usize = 320;
 /// An image of a room takes about 13 kB.
 const QUALITY: u8 = 75;
 
-/// A file is larger than this only if it is no image of [`encoded`]: three bytes for each pixel of the largest one.
+/// A file is larger than this only if it is not an image of [`encoded`]: three bytes for each pixel of the largest one.
 const MAX_BYTES: usize = 3 * MAX_SIDE * MAX_SIDE;
 
 /// Reduces an image until no side is longer than [`MAX_SIDE`], and compresses it. Pixels are means of square blocks.

@@ -156,8 +156,7 @@ impl Pipeline {
 
     /// Rooms, objects and relations of a list of this pipeline's objects.
     pub fn scene_graph(&self, list: &ObjectList) -> SceneGraph {
-        let keyframes = self.keyframes();
-        let up = UpEstimate::of(keyframes.values().map(|keyframe| &keyframe.world_from_keyframe));
+        let up = self.up();
         let seen = self.memory().map(|memory| (memory.frame_count(), memory.last_seen())).unwrap_or_default();
         let mut graph = SceneGraph::new(list, up, seen.0, &seen.1);
         if !list.rooms.is_empty() {
