@@ -17,6 +17,7 @@ mod description;
 mod error;
 mod ffmpeg;
 mod files;
+mod focal_length;
 mod format_names;
 mod formats;
 mod frame_checks;

@@ -15,6 +15,7 @@
 
 mod affinities;
 mod assignment;
+mod cholesky;
 mod distance_transform;
 mod distortion;
 mod flood_fill;
@@ -40,6 +41,7 @@ mod up;
 
 pub use affinities::{Affinities, AffinityPlane};
 pub use assignment::{Candidate, Ratio, best_assignment};
+pub use cholesky::Cholesky;
 pub use distance_transform::distance_transform;
 pub use distortion::{Distortion, DistortionError};
 pub use flood_fill::flood_fill;

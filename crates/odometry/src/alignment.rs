@@ -11,7 +11,7 @@
 //! Both have weights from a t-distribution with [`FREEDOM`] degrees of freedom, as in DVO (Kerl, Sturm and Cremers, IROS
 //! 2013). The prior is a Gaussian around the pose that the motion model predicts.
 
-use crate::linear::{Eigen, Factor, Matrix6};
+use crate::linear::{Eigen, Matrix6};
 use crate::prior::{MotionPrior, scaled, unscaled};
 use crate::pyramid::Level;
 use crate::reference::ReferencePoint;
@@ -19,7 +19,7 @@ use crate::se3::{self, Twist};
 use crate::sums::{BLOCK, Counts, Sums};
 use glam::{DVec3, Mat3, Vec2, Vec3};
 use rayon::prelude::*;
-use splatseg_geometry::{LocalPose, Pose};
+use splatseg_geometry::{Cholesky, LocalPose, Pose};
 use std::collections::BTreeMap;
 
 /// Degrees of freedom of the t-distribution.
@@ -235,7 +235,7 @@ impl Alignment<'_> {
         let (mixed, twice, once) = sums.focal();
         let mut total = Sums::default();
         total.add(&sums);
-        let factor = Factor::new(&scaled_matrix(&total.hessian()), WEAK_INFORMATION)?;
+        let factor = Cholesky::new(&scaled_matrix(&total.hessian()), WEAK_INFORMATION)?;
         let mixed = unscaled(&mixed);
         let solved = factor.solve(&mixed);
         let product = |other: &Twist| solved.iter().zip(other).map(|(one, other)| one * other).sum::<f64>();

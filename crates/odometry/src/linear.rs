@@ -1,4 +1,4 @@
-//! Eigenvectors and factors of symmetric 6×6 matrices, in double precision.
+//! Eigenvectors of symmetric 6×6 matrices, in double precision.
 
 /// A symmetric 6×6 matrix.
 pub(crate) type Matrix6 = [[f64; 6]; 6];
@@ -46,53 +46,6 @@ impl Eigen {
             component => component * component * variance(k),
         };
         std::array::from_fn(|row| (0..6).map(|k| part(row, k)).sum())
-    }
-}
-
-/// A factorised positive definite matrix (Cholesky).
-pub(crate) struct Factor(Matrix6);
-
-impl Factor {
-    /// Factorises a matrix after adding `damping` to its diagonal. `None` if it is not positive definite.
-    pub(crate) fn new(matrix: &Matrix6, damping: f64) -> Option<Self> {
-        let mut factor = [[0.0; 6]; 6];
-        for row in 0..6 {
-            for column in 0..=row {
-                let known: f64 = (0..column).map(|k| factor[row][k] * factor[column][k]).sum();
-                let rest = matrix[row][column] - known;
-                if row == column {
-                    let pivot = rest + damping;
-                    if pivot.is_nan() || pivot <= 0.0 {
-                        return None;
-                    }
-                    factor[row][row] = pivot.sqrt();
-                } else {
-                    factor[row][column] = rest / factor[column][column];
-                }
-            }
-        }
-        Some(Self(factor))
-    }
-
-    /// The solution of the system with this right-hand side.
-    pub(crate) fn solve(&self, right: &[f64; 6]) -> [f64; 6] {
-        let factor = &self.0;
-        let mut solution = *right;
-        for row in 0..6 {
-            let known: f64 = (0..row).map(|k| factor[row][k] * solution[k]).sum();
-            solution[row] = (solution[row] - known) / factor[row][row];
-        }
-        for row in (0..6).rev() {
-            let known: f64 = (row + 1..6).map(|k| factor[k][row] * solution[k]).sum();
-            solution[row] = (solution[row] - known) / factor[row][row];
-        }
-        solution
-    }
-
-    /// The solutions for each column of a matrix, as columns.
-    pub(crate) fn solve_columns(&self, right: &Matrix6) -> Matrix6 {
-        let columns: Matrix6 = std::array::from_fn(|column| self.solve(&right.map(|row| row[column])));
-        std::array::from_fn(|row| std::array::from_fn(|column| columns[column][row]))
     }
 }
 
@@ -145,19 +98,5 @@ mod tests {
         let variances = Eigen::new(&matrix).variances();
         assert!((variances[0] - 1.0 / 3.0).abs() < 1e-12 && (variances[2] - 0.25).abs() < 1e-12, "{variances:?}");
         assert_eq!(Eigen::new(&[[0.0; 6]; 6]).variances(), [f64::INFINITY; 6]);
-    }
-
-    #[test]
-    fn a_factorised_system_is_solved() {
-        let element =
-            |row: usize, column: usize| if row == column { 7.0 + row as f64 } else { (row + column) as f64 * 0.1 };
-        let matrix: Matrix6 = std::array::from_fn(|row| std::array::from_fn(|column| element(row, column)));
-        let right = [1.0, -2.0, 3.0, 0.5, 0.0, 4.0];
-        let solution = Factor::new(&matrix, 0.0).unwrap().solve(&right);
-        for (row, expected) in matrix.iter().zip(right) {
-            let found: f64 = row.iter().zip(solution).map(|(one, other)| one * other).sum();
-            assert!((found - expected).abs() < 1e-12, "{found} {expected}");
-        }
-        assert!(Factor::new(&[[0.0; 6]; 6], 0.0).is_none());
     }
 }

@@ -5,12 +5,12 @@
 //! that contradicts most is left out first, since all others contradict a pose that a large mover drags along.
 
 use crate::keyframe::{Aligned, Reference};
-use crate::linear::{Factor, Matrix6};
+use crate::linear::Matrix6;
 use crate::prior::unscaled;
 use crate::pyramid::Pyramid;
 use crate::se3::Twist;
 use crate::sums::Sums;
-use splatseg_geometry::SegmentId;
+use splatseg_geometry::{Cholesky, SegmentId};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Parts of the image in which the typical contradiction is measured: columns and rows.
@@ -149,7 +149,7 @@ impl System {
     /// How much these points contradict the pose that `rest` asks for: gᵀ (H + H P H)⁻¹ g, where g is the gradient at that
     /// pose and P the pose's covariance.
     fn contradiction(&self, rest: &Self) -> f32 {
-        let Some(factor) = Factor::new(&rest.hessian, PRIOR_INFORMATION) else { return 0.0 };
+        let Some(factor) = Cholesky::new(&rest.hessian, PRIOR_INFORMATION) else { return 0.0 };
         let step = factor.solve(&rest.gradient);
         let moved = product(&self.hessian, &step);
         let gradient: Twist = std::array::from_fn(|row| self.gradient[row] - moved[row]);
@@ -159,7 +159,7 @@ impl System {
             let along = product(&self.hessian, &columns[row]);
             std::array::from_fn(|column| self.hessian[row][column] + along[column])
         });
-        let Some(factor) = Factor::new(&covariance, 1.0) else { return 0.0 };
+        let Some(factor) = Cholesky::new(&covariance, 1.0) else { return 0.0 };
         factor.solve(&gradient).iter().zip(&gradient).map(|(one, other)| one * other).sum::<f64>() as f32
     }
 }

@@ -70,8 +70,8 @@ pub struct Summary {
     pub final_pass_s: Option<f64>,
     /// Where the map's scale is from, if all of its depth is predicted; null otherwise.
     pub scale: Option<MapScale>,
-    /// The focal length that was assumed, and the range of usual ones, pixels, if nothing describes the camera; null
-    /// otherwise.
+    /// The focal length that was estimated from the images or assumed, and a range, pixels, if nothing describes the
+    /// camera; null otherwise.
     pub guessed_camera: Option<GuessedCamera>,
     /// Frames per second.
     pub fps: FramesPerSecond,

@@ -3,8 +3,9 @@
 //! Blocks are eliminated in the order of their number of neighbours (minimum degree), which keeps the system sparse. All
 //! sums are in a fixed order and in double precision, so the result has the same bits on every machine.
 
-use crate::linear::{Factor, Matrix6};
+use crate::linear::Matrix6;
 use crate::se3::Twist;
+use splatseg_geometry::Cholesky;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A symmetric positive definite system.
@@ -74,7 +75,7 @@ impl BlockSystem {
     }
 
     fn eliminate(&mut self, row: usize, order: &mut BTreeSet<(usize, usize)>) -> Option<Eliminated> {
-        let factor = Factor::new(&self.diagonal[row], 0.0)?;
+        let factor = Cholesky::new(&self.diagonal[row], 0.0)?;
         let blocks: Vec<(usize, Matrix6)> = std::mem::take(&mut self.rows[row]).into_iter().collect();
         let right = factor.solve(&self.right[row]);
         let others: Vec<(usize, Matrix6)> =
