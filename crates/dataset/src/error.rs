@@ -1,5 +1,7 @@
 //! Errors reading a scene or its settings.
 
+use crate::GuessedCamera;
+use crate::own_camera::suggestion;
 use splatseg_geometry::{DistortionError, FrameError, IntrinsicsError, PoseError};
 use splatseg_settings::SettingError;
 use std::path::PathBuf;
@@ -127,12 +129,14 @@ pub enum DatasetError {
         frame: String,
     },
     /// The camera is not known: no file describes it, and no setting does.
-    #[error("{}: the camera is not known: describe it in {file}, or give its focal length in pixels with --fx", path.display())]
+    #[error("{}: the camera is not known: describe it in {file}, or give its focal length in pixels with --fx{}", path.display(), suggestion(estimate.as_ref()))]
     NoCamera {
         /// The scene.
         path: PathBuf,
         /// The file, or files, that would describe it.
         file: &'static str,
+        /// What the motion in the colour images suggests, if it tells anything.
+        estimate: Option<GuessedCamera>,
     },
     /// A file required by the format is missing.
     #[error("{}: the {what} is missing", path.display())]

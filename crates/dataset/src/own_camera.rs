@@ -1,6 +1,8 @@
 //! A camera given by the settings, for recordings without a calibration file.
 
-use crate::focal_length::FocalLength;
+use crate::decode::{image_size, read_color};
+use crate::error::COLOR_IMAGE;
+use crate::focal_length::{self, FocalLength};
 use crate::{DatasetError, DatasetSettings};
 use serde::Serialize;
 use splatseg_geometry::Intrinsics;
@@ -72,8 +74,15 @@ impl GuessedCamera {
     /// So many deviations on each side hold the focal length in 19 of 20 cases.
     const DEVIATIONS: f64 = 1.96;
 
+    /// Guesses the camera of images of `size`, `(width, height)`, from the motion in them if it tells.
+    pub(crate) fn of_images(images: &[&Path], size: (usize, usize)) -> Self {
+        // What is damaged is told when its frame is read.
+        let read = |index: usize| read_color(images[index]).ok().filter(|color| color.size() == size);
+        Self::of(size, focal_length::estimated(images.len(), read))
+    }
+
     /// Guesses the camera of images of `size`, `(width, height)`, from what was estimated if anything was.
-    pub(crate) fn of((width, height): (usize, usize), estimate: Option<FocalLength>) -> Self {
+    fn of((width, height): (usize, usize), estimate: Option<FocalLength>) -> Self {
         let long_side = width.max(height) as f64;
         if let Some(FocalLength { long_sides, deviation }) = estimate {
             let focal =
@@ -114,9 +123,19 @@ pub(crate) fn camera_place(own: Option<&OwnCamera>, file: &Path) -> PathBuf {
     if own.is_some() { "dataset.fx, fy, cx and cy".into() } else { file.to_owned() }
 }
 
-/// Returns the error for a scene whose camera is not known. `file` would describe it.
-pub(crate) fn no_camera(path: &Path, file: &'static str) -> DatasetError {
-    DatasetError::NoCamera { path: path.to_owned(), file }
+/// Returns the error for a scene whose camera is not known. `file` would describe it. The motion in its colour images may
+/// suggest a focal length.
+pub(crate) fn no_camera(path: &Path, file: &'static str, images: &[&Path]) -> DatasetError {
+    let size = images.first().and_then(|image| image_size(image, COLOR_IMAGE).ok());
+    let estimate = size.map(|size| GuessedCamera::of_images(images, size)).filter(|guess| guess.estimated);
+    DatasetError::NoCamera { path: path.to_owned(), file, estimate }
+}
+
+/// Tells the focal length that the images suggest, for the end of a message.
+pub(crate) fn suggestion(estimate: Option<&GuessedCamera>) -> String {
+    estimate.map_or_else(String::new, |GuessedCamera { fx, from, to, .. }| {
+        format!("; the motion in the images suggests {fx:.0}, {from:.0} to {to:.0} in 19 of 20 cases")
+    })
 }
 
 #[cfg(test)]

@@ -79,7 +79,7 @@ impl FolderScene {
         settings.validate()?;
         let own_camera = OwnCamera::from_settings(settings)?;
         let (color, depth) = list_images(folder)?;
-        let camera = CameraSource::of(folder, own_camera, settings)?;
+        let camera = CameraSource::of(folder, &color, own_camera, settings)?;
         let list = folder.join(POSES);
         let has_list = is_there(&list);
         let listed =
@@ -155,7 +155,12 @@ enum CameraSource {
 }
 
 impl CameraSource {
-    fn of(folder: &Path, own: Option<OwnCamera>, settings: &DatasetSettings) -> Result<Self, DatasetError> {
+    fn of(
+        folder: &Path,
+        color: &Images,
+        own: Option<OwnCamera>,
+        settings: &DatasetSettings,
+    ) -> Result<Self, DatasetError> {
         let path = folder.join(CAMERA_FILE);
         match (is_there(&path), own) {
             (true, None) => Ok(Self::File(FolderCamera::read(&path, settings)?)),
@@ -165,7 +170,10 @@ impl CameraSource {
                 Ok(Self::File(camera))
             }
             (false, Some(own)) => Ok(Self::Settings(own)),
-            (false, None) => Err(no_camera(folder, CAMERA_FILE)),
+            (false, None) => {
+                let images: Vec<&Path> = color.images.iter().map(|image| image.path.as_path()).collect();
+                Err(no_camera(folder, CAMERA_FILE, &images))
+            }
         }
     }
 }

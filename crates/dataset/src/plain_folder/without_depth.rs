@@ -5,9 +5,7 @@ use super::camera_file::FolderCamera;
 use super::frames::{FolderFrame, frames_without_depth};
 use super::names::{COLOR_FOLDER, DEPTH_FOLDER, Images, Twins};
 use super::{CAMERA_FILE, FolderScene, POSES, coverage, read_pose_list, size_of_images};
-use crate::decode::read_color;
 use crate::files::is_there;
-use crate::focal_length::{self, FocalLength};
 use crate::listing::{all_names_in, folder_name, no_frames_in};
 use crate::own_camera::{GuessedCamera, OwnCamera};
 use crate::recorded_poses::PoseCoverage;
@@ -93,8 +91,9 @@ impl FolderScene {
         let (mut camera, size_from) = if is_there(&path) {
             (FolderCamera::read(&path, settings)?, CAMERA_FILE)
         } else {
-            let estimate = if own_camera.is_none() { estimated_focal_length(&frames, size) } else { None };
-            let guess = GuessedCamera::of(size, estimate);
+            let images: Vec<&Path> = frames.iter().map(|frame| frame.color.as_path()).collect();
+            // Where the camera is given, only its place is filled.
+            let guess = GuessedCamera::of_images(if own_camera.is_none() { &images } else { &[] }, size);
             guessed = Some(guess).filter(|_| own_camera.is_none());
             (FolderCamera::without_file(OwnCamera::guessed(&guess).intrinsics(size), settings), "the first image")
         };
@@ -118,12 +117,4 @@ impl FolderScene {
             extracted: None,
         })
     }
-}
-
-/// The focal length that the motion in the images tells.
-fn estimated_focal_length(frames: &[FolderFrame], size: (usize, usize)) -> Option<FocalLength> {
-    focal_length::estimated(frames.len(), |index| {
-        // What is damaged is told when its frame is read.
-        read_color(&frames[index].color).ok().filter(|color| color.size() == size)
-    })
 }

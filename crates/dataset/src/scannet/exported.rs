@@ -68,7 +68,7 @@ impl ScannetScene {
         let left_out = left_out_beside(&frames, &color_folder, &others);
         let name = folder_name(folder);
         let poses = pose_coverage(&frames, &folder.join("pose"), POSE);
-        let cameras = read_cameras(folder, settings)?;
+        let cameras = read_cameras(folder, &frames, settings)?;
         let labels = InstanceLabels::in_folder(folder, &name)?;
         let depth_scale = DepthScale::MILLIMETRES.or_of(settings);
         Ok(Self { name, folder: folder.to_owned(), frames, cameras, depth_scale, poses, labels, left_out })
@@ -83,12 +83,13 @@ impl ScannetScene {
     }
 }
 
-fn read_cameras(folder: &Path, settings: &DatasetSettings) -> Result<Cameras, DatasetError> {
+fn read_cameras(folder: &Path, frames: &[NumberedFile], settings: &DatasetSettings) -> Result<Cameras, DatasetError> {
     if let Some(camera) = OwnCamera::from_settings(settings)? {
         return Ok(Cameras::Own(camera));
     }
     if !is_there(&folder.join("intrinsic")) {
-        return Err(no_camera(folder, "intrinsic/intrinsic_color.txt and intrinsic/intrinsic_depth.txt"));
+        let images: Vec<&Path> = frames.iter().map(|frame| frame.path.as_path()).collect();
+        return Err(no_camera(folder, "intrinsic/intrinsic_color.txt and intrinsic/intrinsic_depth.txt", &images));
     }
     Ok(Cameras::Recorded { color: read_camera(folder, "color")?, depth: read_camera(folder, "depth")? })
 }

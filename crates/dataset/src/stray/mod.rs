@@ -173,7 +173,7 @@ impl ListReader<'_> {
             Some(matrix) => matrix,
             // Replaced when the frame is read.
             None if self.has_own_camera => PinholeMatrix { fx: 1.0, fy: 1.0, cx: 0.0, cy: 0.0 },
-            None => return Err(crate::own_camera::no_camera(self.scene, MATRIX)),
+            None => return Err(crate::own_camera::no_camera(self.scene, MATRIX, &[])),
         };
         let (width, height) = self.size_of(&matrix);
         let PinholeMatrix { fx, fy, cx, cy } = matrix;

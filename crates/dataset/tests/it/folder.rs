@@ -9,6 +9,7 @@ use splatseg_dataset::{
     DatasetError, DatasetSettings, FolderScene, Format, FrameSource, FrameStream, GroundTruth, Scene, open_scene,
 };
 use splatseg_geometry::{Distortion, Image};
+use splatseg_test_scenes::{file_names, shared};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -468,4 +469,26 @@ fn files_of_other_systems_are_read_or_named() {
     write("poses.txt", b"# time tx, ty\n0 1,5 0 0 0 0 0 1\n".to_vec());
     let told = refused(folder.path());
     assert!(told.starts_with("SCENE/poses.txt: line 2: found decimal commas in \"0 1,5 0"), "{told}");
+}
+
+#[test]
+fn an_unknown_camera_is_an_error_that_suggests_its_focal_length() {
+    const TEST: &str = "an_unknown_camera_is_an_error_that_suggests_its_focal_length";
+    let Some(room) = shared("data/rooms/dev-a", TEST) else { return };
+    let intrinsics = fs::read_to_string(room.join("intrinsic/intrinsic_depth.txt")).unwrap();
+    let fx: f64 = intrinsics.split_whitespace().next().unwrap().parse().unwrap();
+    let scene = tempfile::tempdir().unwrap();
+    for part in ["color", "depth", "pose"] {
+        fs::create_dir(scene.path().join(part)).unwrap();
+        for name in file_names(&room.join(part)) {
+            fs::copy(room.join(part).join(&name), scene.path().join(part).join(&name)).unwrap();
+        }
+    }
+    for format in [Format::Scannet, Format::Folder] {
+        let settings = DatasetSettings::default().with(|settings| settings.format = format);
+        let error = open_scene(scene.path(), &settings).unwrap_err();
+        assert!(error.to_string().contains("with --fx; the motion in the images suggests "), "{error}");
+        let DatasetError::NoCamera { estimate: Some(estimate), .. } = error else { panic!("{error}") };
+        assert!(estimate.estimated && (estimate.from..=estimate.to).contains(&fx), "{fx}: {estimate:?}");
+    }
 }
