@@ -101,7 +101,7 @@ impl GuessedCamera {
         if *estimated {
             return format!(
                 "camera: not known, estimated from the motion in the images: a focal length of {fx:.0} pixels, {from:.0} to \
-                 {to:.0} in 19 of 20 cases; --fx PIXELS sets it"
+                 {to:.0} in 19 of 20 cases if the lens does not distort; --fx PIXELS sets it"
             );
         }
         let [widest, narrowest] = Self::USUAL_DEGREES;
