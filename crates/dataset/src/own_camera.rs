@@ -64,6 +64,9 @@ pub struct GuessedCamera {
     /// True if it was estimated from the motion in the images; false if the camera is assumed to see [`Self::DEGREES`]
     /// across the long side.
     pub estimated: bool,
+    /// True if the images look like those of a lens with barrel distortion, which is not corrected: the focal length is less
+    /// certain then. False if it was not estimated.
+    pub distorts: bool,
 }
 
 impl GuessedCamera {
@@ -84,24 +87,30 @@ impl GuessedCamera {
     /// Guesses the camera of images of `size`, `(width, height)`, from what was estimated if anything was.
     fn of((width, height): (usize, usize), estimate: Option<FocalLength>) -> Self {
         let long_side = width.max(height) as f64;
-        if let Some(FocalLength { long_sides, deviation }) = estimate {
+        if let Some(FocalLength { long_sides, deviation, distorts }) = estimate {
             let focal =
                 |deviations: f64| (10.0 * long_side * long_sides * libm::exp(deviations * deviation)).round() / 10.0;
             let [fx, from, to] = [0.0, -Self::DEVIATIONS, Self::DEVIATIONS].map(focal);
-            return Self { fx, from, to, estimated: true };
+            return Self { fx, from, to, estimated: true, distorts };
         }
         let focal = |degrees: f64| 0.5 * long_side / (0.5 * degrees).to_radians().tan();
         let [from, to] = Self::USUAL_DEGREES.map(focal);
-        Self { fx: focal(Self::DEGREES), from, to, estimated: false }
+        Self { fx: focal(Self::DEGREES), from, to, estimated: false, distorts: false }
     }
 
     /// Tells the guess for a recording with this number of frames and the option that sets it, in one line.
     pub(crate) fn text(&self, frames: usize) -> String {
-        let Self { fx, from, to, estimated } = self;
+        let Self { fx, from, to, estimated, distorts } = self;
         if *estimated {
+            let lens = if *distorts {
+                "but the lens seems to distort, which makes it too long: give both in camera.json, or the focal length with \
+                 --fx PIXELS"
+            } else {
+                "if the lens does not distort; --fx PIXELS sets it"
+            };
             return format!(
                 "camera: not known, estimated from the motion in the images: a focal length of {fx:.0} pixels, {from:.0} to \
-                 {to:.0} in 19 of 20 cases if the lens does not distort; --fx PIXELS sets it"
+                 {to:.0} in 19 of 20 cases {lens}"
             );
         }
         let [widest, narrowest] = Self::USUAL_DEGREES;
@@ -169,10 +178,12 @@ mod tests {
 
     #[test]
     fn an_estimate_takes_the_place_of_the_guess() {
-        let estimate = FocalLength { long_sides: 0.8, deviation: 0.05 };
+        let estimate = FocalLength { long_sides: 0.8, deviation: 0.05, distorts: false };
         let camera = GuessedCamera::of((480, 640), Some(estimate));
         assert_eq!([camera.fx, camera.from, camera.to], [512.0, 464.2, 564.7]);
         assert!(camera.estimated && camera.text(30).contains("512 pixels, 464 to 565"), "{}", camera.text(30));
+        let distorted = GuessedCamera::of((480, 640), Some(FocalLength { distorts: true, ..estimate }));
+        assert!(distorted.text(30).contains("give both in camera.json"), "{}", distorted.text(30));
     }
 
     #[test]

@@ -94,7 +94,7 @@ fn drifted(poses: &TrackedPoses, is_due: bool) -> TrackedPoses {
     map.put_json("state.json", &searches);
     state.put_block("keyframes", map);
     let mut poses = TrackedPoses::new(PoseMode::Track);
-    let state = state.to_bytes().expect("it is no larger");
+    let state = state.to_bytes().expect("the state fits");
     poses.restore(StateScope::Run, &state).expect("it was a state");
     poses
 }

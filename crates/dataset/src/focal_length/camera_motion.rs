@@ -18,7 +18,7 @@ const FOUND: f64 = 1e-4;
 const FIRST_DAMPING: f64 = 1e-3;
 const MOST_DAMPING: f64 = 1e3;
 
-/// What the pair says against each of the focal lengths.
+/// What the pair says against each of the focal lengths. Costs of pairs whose camera turns and of others can be compared.
 pub(super) fn costs(pair: &ViewPair, focal_lengths: &Costs) -> Costs {
     let views = focal_lengths.map(|focal| Views::new(pair, focal));
     let turned = views.each_ref().map(|views| fitted(Rotation(DQuat::IDENTITY), |rotation| views.turned(rotation)));
@@ -35,12 +35,16 @@ pub(super) fn costs(pair: &ViewPair, focal_lengths: &Costs) -> Costs {
             epipolar[to] = again;
         }
     }
-    let (turned, epipolar) = (turned.map(|(_, cost)| cost), epipolar.map(|(_, cost)| cost));
-    let least = |costs: &Costs| costs.iter().copied().fold(f64::INFINITY, f64::min);
-    let corners = pair.first.len() as f64;
     // A line leaves each corner a freedom: its depth.
+    let corners = pair.first.len() as f64;
     let freedom = libm::log(4.0) * corners + libm::log(4.0 * corners);
-    if least(&turned) < least(&epipolar) + freedom { turned } else { epipolar }
+    let (turned, epipolar) = (turned.map(|(_, cost)| cost), epipolar.map(|(_, cost)| cost + freedom));
+    if least(&turned) < least(&epipolar) { turned } else { epipolar }
+}
+
+/// The least of the costs.
+pub(super) fn least(costs: &Costs) -> f64 {
+    costs.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// The rays of the corners, with z = 1, in the first and the second view.

@@ -2,8 +2,9 @@
 //!
 //! Corners are followed through a few seconds of the recording. Where the camera has moved enough, two frames are a pair of
 //! views: for each of a row of focal lengths, the motion between them is found that explains the corners best, and the
-//! focal length whose motions explain all pairs best is taken. The principal point is the middle of the image, pixels are
-//! square, and the lens does not distort. Nothing about depth is needed.
+//! focal length whose motions explain all pairs best is taken. Nothing about depth is needed. The principal point is the
+//! middle of the image, pixels are square, and the lens does not distort; whether a lens that does explains the views
+//! better is told.
 //!
 //! | file | |
 //! | --- | --- |
@@ -22,7 +23,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 use splatseg_geometry::Image;
-use view_pairs::view_pairs;
+use view_pairs::{ViewPair, view_pairs};
 
 /// Focal lengths that are compared, in long sides of the image: views of 118 to 22 degrees, in steps of 7 %.
 const SHORTEST: f64 = 0.3;
@@ -43,6 +44,8 @@ const SYSTEMATIC: f64 = 0.04;
 /// The same for a focal length of one long side. It grows with the square: the less a camera sees, the less a turn differs
 /// from a translation. Long ones were estimated too short by 6 to 12 %.
 const SYSTEMATIC_OF_LONG: f64 = 0.055;
+/// The strength of the barrel distortion that is tried: places in the corners of an image of 4:3 are 8 % closer to its middle.
+const BARREL: f64 = 0.2;
 /// Draws of pairs from which the deviation is estimated (bootstrap).
 const DRAWS: usize = 200;
 
@@ -53,6 +56,9 @@ pub(crate) struct FocalLength {
     pub(crate) long_sides: f64,
     /// Standard deviation of its logarithm: of what the pairs differ by, and of what lenses and shutters do.
     pub(crate) deviation: f64,
+    /// Whether a lens with barrel distortion explains the pairs better: then the focal length is worse than its deviation
+    /// says.
+    pub(crate) distorts: bool,
 }
 
 /// Estimates the focal length from the images of a recording. `read` returns an image, or `None` if it cannot be read; all
@@ -61,25 +67,31 @@ pub(crate) struct FocalLength {
 /// The result is the same for any number of threads.
 pub(crate) fn estimated(frames: usize, read: impl Fn(usize) -> Option<Image<[u8; 3]>> + Sync) -> Option<FocalLength> {
     let read_any = |index: usize| read(index).filter(|image| !image.pixels().is_empty());
-    let costs: Vec<Vec<Costs>> = parts_of(frames)
+    let pairs: Vec<Vec<ViewPair>> = parts_of(frames)
         .into_par_iter()
-        .map(|part| {
-            let pairs = view_pairs(part.map_while(read_any).map(|image| GreyPyramid::new(&image)));
-            pairs.iter().map(|pair| camera_motion::costs(pair, &focal_lengths())).collect()
-        })
+        .map(|part| view_pairs(part.map_while(read_any).map(|image| GreyPyramid::new(&image))))
         .collect();
-    let costs = costs.concat();
-    if costs.len() < MIN_PAIRS {
+    let pairs = pairs.concat();
+    if pairs.len() < MIN_PAIRS {
         return None;
     }
-    let long_sides = best(costs.iter())?;
+    let costs: Vec<Costs> = pairs.par_iter().map(|pair| camera_motion::costs(pair, &focal_lengths())).collect();
+    let bent: Vec<Costs> =
+        pairs.par_iter().map(|pair| camera_motion::costs(&pair.straightened(BARREL), &focal_lengths())).collect();
+    let long_sides = best(&sums(costs.iter()))?;
     let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let mut draw = || best((0..costs.len()).map(|_| &costs[rng.random_range(0..costs.len())]));
-    let errors: Vec<f64> =
-        (0..DRAWS).map(|_| draw().map_or(f64::INFINITY, |drawn| libm::log(drawn / long_sides))).collect();
-    let scatter = (errors.iter().map(|error| error * error).sum::<f64>() / DRAWS as f64).sqrt();
+    let (mut squares, mut bent_is_better) = (0.0, 0);
+    for _ in 0..DRAWS {
+        let drawn: Vec<usize> = (0..costs.len()).map(|_| rng.random_range(0..costs.len())).collect();
+        let [straight, bent] = [&costs, &bent].map(|costs| sums(drawn.iter().map(|index| &costs[*index])));
+        squares += best(&straight).map_or(f64::INFINITY, |drawn| libm::log(drawn / long_sides).powi(2));
+        bent_is_better += usize::from(camera_motion::least(&bent) < camera_motion::least(&straight));
+    }
+    let scatter = (squares / DRAWS as f64).sqrt();
     let systematic = SYSTEMATIC.max(SYSTEMATIC_OF_LONG * long_sides * long_sides);
-    (scatter <= MAX_DEVIATION).then(|| FocalLength { long_sides, deviation: scatter.hypot(systematic) })
+    let deviation = scatter.hypot(systematic);
+    let distorts = bent_is_better * 40 >= DRAWS * 39;
+    (scatter <= MAX_DEVIATION).then_some(FocalLength { long_sides, deviation, distorts })
 }
 
 /// What a pair of views says against each of the focal lengths.
@@ -101,10 +113,13 @@ fn parts_of(frames: usize) -> Vec<std::ops::Range<usize>> {
     (0..parts).map(|part| start(part)..start(part + 1).min(start(part) + FRAMES_OF_PART)).collect()
 }
 
+/// The sums over pairs of views.
+fn sums<'a>(costs: impl Iterator<Item = &'a Costs>) -> Costs {
+    costs.fold([0.0; FOCAL_LENGTHS], |sums, costs| std::array::from_fn(|index| sums[index] + costs[index]))
+}
+
 /// The focal length that costs least, between those that were compared; `None` if it is the first or last of them.
-fn best<'a>(costs: impl Iterator<Item = &'a Costs>) -> Option<f64> {
-    let mut sums = [0.0; FOCAL_LENGTHS];
-    costs.for_each(|costs| sums.iter_mut().zip(costs).for_each(|(sum, cost)| *sum += cost));
+fn best(sums: &Costs) -> Option<f64> {
     let least = (0..FOCAL_LENGTHS).min_by(|a, b| sums[*a].total_cmp(&sums[*b]))?;
     let &[before, at, after] = sums.get(least.checked_sub(1)?..)?.first_chunk()?;
     let curvature = before - 2.0 * at + after;

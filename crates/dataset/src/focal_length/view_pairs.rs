@@ -30,6 +30,14 @@ pub(super) struct ViewPair {
 }
 
 impl ViewPair {
+    /// The places that a lens without distortion would show, if the real one bends lines outwards with this strength: the
+    /// division model (Fitzgibbon, 2001) with distances in long sides of the image.
+    pub(super) fn straightened(&self, strength: f64) -> Self {
+        let straight =
+            |places: &[DVec2]| places.iter().map(|place| *place / (1.0 - strength * place.length_squared())).collect();
+        Self { first: straight(&self.first), second: straight(&self.second) }
+    }
+
     /// How far the corner in the middle of all has moved.
     fn motion(&self) -> f64 {
         let mut moved: Vec<f64> =
