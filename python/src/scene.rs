@@ -68,6 +68,20 @@ impl Scene {
         self.scene.has_depth()
     }
 
+    /// The focal length if nothing describes the camera: `fx`, `from`, `to`, `estimated`, `distorts`, and a line that says so.
+    #[getter]
+    fn guessed_camera<'py>(&self, py: Python<'py>) -> PyResult<Option<(Bound<'py, PyDict>, String)>> {
+        let Some(guess) = self.scene.guessed_camera() else { return Ok(None) };
+        let camera = PyDict::new(py);
+        for (name, pixels) in [("fx", guess.fx), ("from", guess.from), ("to", guess.to)] {
+            camera.set_item(name, pixels)?;
+        }
+        for (name, is_so) in [("estimated", guess.estimated), ("distorts", guess.distorts)] {
+            camera.set_item(name, is_so)?;
+        }
+        Ok(Some((camera, guess.text(self.scene.frame_count()))))
+    }
+
     /// True if the scene has true ids.
     #[getter]
     fn has_ground_truth(&self) -> bool {

@@ -40,7 +40,11 @@ def test_wrong_results_and_settings_are_told(room):
 
 def test_a_scene_without_depth_needs_a_predictor_of_all_depth():
     images = ROOT / "crates/splatseg-cli/demo/color"
-    scene = ss.open_scene(images, max_frames=2)
+    with pytest.warns(UserWarning, match="camera: not known.*fx=PIXELS"):
+        scene = ss.open_scene(images, max_frames=2)
+    guess = scene.guessed_camera
+    assert guess["from"] < guess["fx"] < guess["to"] and not guess["estimated"]
+    assert ss.open_scene(images, fx=289).guessed_camera is None
     assert not scene.has_depth and ss.open_scene(images.parent).has_depth
 
     def predictor(rgb):

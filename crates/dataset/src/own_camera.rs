@@ -99,7 +99,7 @@ impl GuessedCamera {
     }
 
     /// Tells the guess for a recording with this number of frames and the option that sets it, in one line.
-    pub(crate) fn text(&self, frames: usize) -> String {
+    pub fn text(&self, frames: usize) -> String {
         let Self { fx, from, to, estimated, distorts } = self;
         if *estimated {
             let lens = if *distorts {

@@ -22,6 +22,9 @@ class Scene:
         self._scene = _splatseg.Scene(path, settings)
         self.path = os.fspath(path)
         """The path, as given."""
+        self._guess = self._scene.guessed_camera
+        if self._guess is not None:
+            warnings.warn(f"{self.path}: {self._guess[1].replace('--fx PIXELS', 'fx=PIXELS')}", stacklevel=3)
 
     @property
     def name(self) -> str:
@@ -42,6 +45,13 @@ class Scene:
     def has_depth(self) -> bool:
         """False if no frame has depth, as in a video: it must be predicted."""
         return self._scene.has_depth
+
+    @property
+    def guessed_camera(self) -> dict[str, float | bool] | None:
+        """The focal length in pixels of the stored images, if nothing describes the camera, with which a ``UserWarning`` is
+        given: ``fx``, its range ``from``, ``to``, whether the motion in the images tells it (``estimated``) and whether the
+        lens seems to distort (``distorts``). ``None`` if the camera is known."""
+        return None if self._guess is None else self._guess[0]
 
     @property
     def has_ground_truth(self) -> bool:
