@@ -19,7 +19,7 @@ const MAX_RETURN: f32 = 0.5;
 const MIN_CORNERS: usize = 40;
 /// A pair is complete once the middle corner has moved so far, in long sides of the image...
 const FAR: f64 = 0.12;
-/// ...and left out at the end of a part if it has moved less than this.
+/// ...and left out if it ends, with the part or because corners are lost, before it has moved as far as this.
 const NEAR: f64 = 0.03;
 
 /// Places of the same corners in two views, from the middle of the image, in its long sides.
