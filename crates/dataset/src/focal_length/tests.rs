@@ -76,6 +76,7 @@ fn wide_usual_and_long_cameras_are_told_apart() {
     for (focal, most) in [(0.5, 0.05), (0.85, 0.05), (1.4, 0.25)] {
         let found = estimate_of(&walk((focal, 0.0))).unwrap();
         let error = (found.long_sides / f64::from(focal)).ln().abs();
+        println!("{focal} long sides, estimated {found:?}");
         assert!(error < most && error < 2.0 * found.deviation && !found.distorts, "{focal}: {found:?}");
     }
 }
@@ -84,6 +85,7 @@ fn wide_usual_and_long_cameras_are_told_apart() {
 fn a_lens_that_distorts_is_told() {
     for k1 in [-0.05, -0.1] {
         let found = estimate_of(&walk((0.5, k1))).unwrap();
+        println!("0.5 long sides, k1 {k1}, estimated {found:?}");
         assert!(found.distorts, "{k1}: {found:?}");
     }
 }
