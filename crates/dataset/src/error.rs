@@ -135,7 +135,7 @@ pub enum DatasetError {
         path: PathBuf,
         /// The file, or files, that would describe it.
         file: &'static str,
-        /// What the motion in the colour images suggests, if it tells anything.
+        /// The focal length that the motion in the colour images suggests; `None` if it cannot be estimated.
         estimate: Option<GuessedCamera>,
     },
     /// A file required by the format is missing.

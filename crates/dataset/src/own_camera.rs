@@ -79,7 +79,7 @@ impl GuessedCamera {
 
     /// Guesses the camera of images of `size`, `(width, height)`, from the motion in them if it tells.
     pub(crate) fn of_images(images: &[&Path], size: (usize, usize)) -> Self {
-        // What is damaged is told when its frame is read.
+        // A damaged image is reported when its frame is read.
         let read = |index: usize| read_color(images[index]).ok().filter(|color| color.size() == size);
         Self::of(size, focal_length::estimated(images.len(), read))
     }

@@ -18,22 +18,21 @@ const FOUND: f64 = 1e-4;
 const FIRST_DAMPING: f64 = 1e-3;
 const MOST_DAMPING: f64 = 1e3;
 
-/// What the pair says against each of the focal lengths. Costs of pairs whose camera turns and of others can be compared.
+/// The cost of a pair for each of the focal lengths, at the best motion. Costs of pairs whose camera only turns and of others
+/// can be compared.
 pub(super) fn costs(pair: &ViewPair, focal_lengths: &Costs) -> Costs {
     let views = focal_lengths.map(|focal| Views::new(pair, focal));
     let turned = views.each_ref().map(|views| fitted(Rotation(DQuat::IDENTITY), |rotation| views.turned(rotation)));
     let mut epipolar: [(Motion, f64); FOCAL_LENGTHS] = std::array::from_fn(|index| {
         let starts = [DVec3::X, DVec3::Y, DVec3::Z].map(|along| Motion { turn: turned[index].0.0, along });
-        views[index].best_of(starts)
+        let [x, y, z] = starts.map(|start| views[index].motion_from(start));
+        better(better(x, y), z)
     });
     // The motion of the next focal length is a start that may lead to a lower minimum: upwards, then downwards.
     for (from, to) in
         (1..FOCAL_LENGTHS).map(|to| (to - 1, to)).chain((1..FOCAL_LENGTHS).rev().map(|from| (from, from - 1)))
     {
-        let again = views[to].best_of([epipolar[from].0]);
-        if again.1 < epipolar[to].1 {
-            epipolar[to] = again;
-        }
+        epipolar[to] = better(epipolar[to], views[to].motion_from(epipolar[from].0));
     }
     // A line leaves each corner a freedom: its depth.
     let corners = pair.first.len() as f64;
@@ -45,6 +44,11 @@ pub(super) fn costs(pair: &ViewPair, focal_lengths: &Costs) -> Costs {
 /// The least of the costs.
 pub(super) fn least(costs: &Costs) -> f64 {
     costs.iter().copied().fold(f64::INFINITY, f64::min)
+}
+
+/// The motion that costs less.
+fn better(one: (Motion, f64), other: (Motion, f64)) -> (Motion, f64) {
+    if other.1 < one.1 { other } else { one }
 }
 
 /// The rays of the corners, with z = 1, in the first and the second view.
@@ -61,13 +65,9 @@ impl Views {
         Self { rays, noise: NOISE / focal }
     }
 
-    /// The motion that fits best of those that are found from the starts, and its cost.
-    fn best_of<const N: usize>(&self, starts: [Motion; N]) -> (Motion, f64) {
-        let found = starts.map(|start| fitted(start, |motion| self.along_lines(motion)));
-        found
-            .into_iter()
-            .reduce(|best, other| if other.1 < best.1 { other } else { best })
-            .unwrap_or((Motion::STILL, f64::INFINITY))
+    /// The motion close to `start` that fits best, and its cost.
+    fn motion_from(&self, start: Motion) -> (Motion, f64) {
+        fitted(start, |motion| self.along_lines(motion))
     }
 
     /// How far the corners are from their lines.
@@ -109,7 +109,7 @@ impl Views {
     }
 }
 
-/// What changes in steps of `N` numbers.
+/// Unknowns that are optimised in steps of `N` numbers.
 trait Moves<const N: usize>: Copy {
     fn moved(&self, step: &[f64; N]) -> Self;
 }
@@ -124,8 +124,6 @@ struct Motion {
 }
 
 impl Motion {
-    const STILL: Self = Self { turn: DQuat::IDENTITY, along: DVec3::Z };
-
     /// Two directions across the translation.
     fn across(&self) -> [DVec3; 2] {
         let (side, up) = self.along.any_orthonormal_pair();
@@ -158,7 +156,7 @@ fn turned(rotation: DQuat, step: DVec3) -> DQuat {
 
 /// Sums of residuals, in their deviations, and of their derivatives.
 struct Fit<const N: usize> {
-    /// Sum of `ln(1 + r²)`: what is far off counts little.
+    /// Sum of `ln(1 + r²)`, in which outliers count little.
     cost: f64,
     hessian: [[f64; N]; N],
     gradient: [f64; N],

@@ -3,7 +3,7 @@
 use glam::Vec2;
 use splatseg_geometry::Image;
 
-/// So many corners are followed at most.
+/// Most corners that are followed.
 const MOST: usize = 300;
 /// Pixels between corners.
 const APART: usize = 7;

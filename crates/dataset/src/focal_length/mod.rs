@@ -30,16 +30,16 @@ const SHORTEST: f64 = 0.3;
 const FOCAL_LENGTHS: usize = 33;
 const STEP: f64 = 1.07;
 
-/// So many parts of a recording are looked at, spread over it...
+/// This many parts of a recording are used, spread over it...
 const PARTS: usize = 10;
-/// ...each with so many frames that follow each other: a second of most cameras.
+/// ...each with this many consecutive frames: a second of most cameras.
 const FRAMES_OF_PART: usize = 30;
 
 /// With fewer pairs of views the estimate is a matter of chance.
 const MIN_PAIRS: usize = 4;
 /// The estimate is dropped if the pairs say that its deviation is larger: usual cameras differ by 0.2.
 const MAX_DEVIATION: f64 = 0.1;
-/// What distortion and rolling shutters add to the deviation at least: what estimates of real cameras were off by.
+/// Smallest deviation from distortion and rolling shutters: the error of estimates of real cameras.
 const SYSTEMATIC: f64 = 0.04;
 /// The same for a focal length of one long side. It grows with the square: the less a camera sees, the less a turn differs
 /// from a translation. Long ones were estimated too short by 6 to 12 %.
@@ -54,7 +54,7 @@ const DRAWS: usize = 200;
 pub(crate) struct FocalLength {
     /// Focal length in long sides of the image.
     pub(crate) long_sides: f64,
-    /// Standard deviation of its logarithm: of what the pairs differ by, and of what lenses and shutters do.
+    /// Standard deviation of its logarithm: the scatter of the pairs, and the influence of lenses and shutters.
     pub(crate) deviation: f64,
     /// Whether a lens with barrel distortion explains the pairs better: then the focal length is worse than its deviation
     /// says.
@@ -94,7 +94,7 @@ pub(crate) fn estimated(frames: usize, read: impl Fn(usize) -> Option<Image<[u8;
     (scatter <= MAX_DEVIATION).then_some(FocalLength { long_sides, deviation, distorts })
 }
 
-/// What a pair of views says against each of the focal lengths.
+/// The cost of a pair of views for each of the focal lengths.
 type Costs = [f64; FOCAL_LENGTHS];
 
 /// The focal lengths that are compared.

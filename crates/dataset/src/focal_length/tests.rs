@@ -30,7 +30,7 @@ fn pattern(place: Vec3) -> f32 {
     [0.25, 0.09].map(|side| hashed((place / side + 1e-3).floor().as_ivec3().to_array())).iter().sum::<f32>() * 120.0
 }
 
-/// What a camera in the room sees whose lens distorts (`k1` of the Brown model).
+/// The image of a camera in the room. Its lens distorts (`k1` of the Brown model).
 fn view((focal, k1): (f32, f32), turn: glam::Quat, position: Vec3) -> Image<[u8; 3]> {
     let (width, height) = (200, 150);
     let ray = |column: f32, row: f32| {

@@ -17,9 +17,9 @@ const MAX_RETURN: f32 = 0.5;
 
 /// Views with fewer common corners, or with less than half of those of the first view, are not compared.
 const MIN_CORNERS: usize = 40;
-/// A pair is complete once the middle corner has moved so far, in long sides of the image...
+/// A pair is complete once the median motion of its corners is this large, in long sides of the image...
 const FAR: f64 = 0.12;
-/// ...and left out if it ends, with the part or because corners are lost, before it has moved as far as this.
+/// ...and left out if it ends, with the part or because corners are lost, below this motion.
 const NEAR: f64 = 0.03;
 
 /// Places of the same corners in two views, from the middle of the image, in its long sides.
@@ -38,7 +38,7 @@ impl ViewPair {
         Self { first: straight(&self.first), second: straight(&self.second) }
     }
 
-    /// How far the corner in the middle of all has moved.
+    /// The median motion of the corners.
     fn motion(&self) -> f64 {
         let mut moved: Vec<f64> =
             self.first.iter().zip(&self.second).map(|(first, second)| first.distance(*second)).collect();

@@ -91,11 +91,11 @@ impl FolderScene {
         let (mut camera, size_from) = if is_there(&path) {
             (FolderCamera::read(&path, settings)?, CAMERA_FILE)
         } else {
-            let images: Vec<&Path> = frames.iter().map(|frame| frame.color.as_path()).collect();
-            // Where the camera is given, only its place is filled.
-            let guess = GuessedCamera::of_images(if own_camera.is_none() { &images } else { &[] }, size);
-            guessed = Some(guess).filter(|_| own_camera.is_none());
-            (FolderCamera::without_file(OwnCamera::guessed(&guess).intrinsics(size), settings), "the first image")
+            let own = own_camera.unwrap_or_else(|| {
+                let images: Vec<&Path> = frames.iter().map(|frame| frame.color.as_path()).collect();
+                OwnCamera::guessed(guessed.insert(GuessedCamera::of_images(&images, size)))
+            });
+            (FolderCamera::without_file(own.intrinsics(size), settings), "the first image")
         };
         if let Some(own) = own_camera {
             camera.intrinsics = own.intrinsics((camera.intrinsics.width, camera.intrinsics.height));
