@@ -41,6 +41,9 @@ pub enum LiveError {
     /// Objects cannot be merged.
     #[error(transparent)]
     Merge(#[from] MergeObjectsError),
+    /// The segmenter has no degrees of detail.
+    #[error("the segmenter in use cannot segment more or less finely: that of affinity and graph can")]
+    NoDetail,
     /// There is no file for the map.
     #[error("no file for the map is set")]
     NoFile,

@@ -1,6 +1,7 @@
 //! Requests to a running session, from other threads.
 
 use crate::LiveSession;
+use splatseg::segmenter::Detail;
 use splatseg_geometry::SegmentId;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -24,6 +25,8 @@ pub enum LiveRequest {
     Name(SegmentId, Option<String>),
     /// Make objects of the map one: see [`Pipeline::merge_objects`](splatseg::Pipeline::merge_objects).
     Merge(Vec<SegmentId>),
+    /// Segment later frames more or less finely.
+    Detail(Detail),
     /// Pause (`true`) or go on.
     Pause(bool),
 }

@@ -498,6 +498,11 @@ impl LiveSession {
                 let into = self.merge_objects(&ids)?;
                 Ok(format!("{} objects are {into}", ids.len()))
             }
+            LiveRequest::Detail(detail) => {
+                self.pipeline.detail().ok_or(LiveError::NoDetail)?;
+                self.pipeline.set_detail(detail);
+                Ok(format!("later frames are segmented with the detail {}", detail.name()))
+            }
             LiveRequest::Pause(is_paused) => {
                 self.status.is_paused = is_paused;
                 Ok(if is_paused { "paused" } else { "running" }.to_owned())
@@ -507,7 +512,12 @@ impl LiveSession {
 
     /// Starts again with another map, or an empty one. If it cannot be loaded, the present one stays.
     fn replace_map(&mut self, path: Option<&Path>) -> Result<(), LiveError> {
+        let detail = self.pipeline.detail();
         self.pipeline = started((self.build)(path)?);
+        // What a viewer has chosen stays.
+        if let Some(detail) = detail {
+            self.pipeline.set_detail(detail);
+        }
         self.status.doubts.clear();
         self.seen = SeenObjects::default();
         if let Some(places) = self.places.latest() {

@@ -1,6 +1,7 @@
 //! A session in the browser and in Foxglove.
 
 use crate::{LiveFrame, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, Requests};
+use splatseg::segmenter::Detail;
 use splatseg_geometry::{Image as Pixels, SegmentId};
 use splatseg_objects::ObjectList;
 use splatseg_odometry::PoseState;
@@ -9,6 +10,7 @@ use splatseg_ros::{
     CompressedImage, Detection3dArray, DiagnosticArray, Image, MarkerArray, OccupancyGrid, PointCloud2, TextMessage,
     TfMessage,
 };
+use splatseg_settings::Choice;
 use splatseg_view::{
     Channel, ChannelId, SeenSpans, ViewAnswer, ViewError, ViewFrame, ViewObject, ViewOptions, ViewRequest, ViewServer,
     ViewStatus,
@@ -135,6 +137,11 @@ fn answer(requests: &Requests, request: ViewRequest) -> Result<ViewAnswer, Strin
             requests.send(LiveRequest::Name(id, label), ANSWER_TIME).map(|_| ViewAnswer::Done)
         }
         ViewRequest::Merge(ids) => requests.send(LiveRequest::Merge(ids), ANSWER_TIME).map(|_| ViewAnswer::Done),
+        ViewRequest::Detail(name) => {
+            let detail = Detail::from_name(&name)
+                .ok_or_else(|| format!("the detail is {name:?}, expected {}", Detail::NAMES.join(", ")))?;
+            requests.send(LiveRequest::Detail(detail), ANSWER_TIME).map(|_| ViewAnswer::Done)
+        }
     }
 }
 
@@ -153,6 +160,7 @@ fn view_frame(frame: &LiveFrame<'_>, color: &Pixels<[u8; 3]>, objects: &[ViewObj
         status: ViewStatus {
             dropped: frame.status.counts.dropped.total(),
             is_pose_given: frame.result.pose.state == PoseState::Given,
+            detail: frame.pipeline.detail().map(Detail::name),
             delay: Some(frame.status.age),
             lines: lost.into_iter().collect(),
         },

@@ -86,13 +86,6 @@ impl AffinitySegmenter {
         self
     }
 
-    /// Sets how finely frames are segmented, on top of the threshold of the settings.
-    #[must_use]
-    pub fn with_detail(mut self, detail: Detail) -> Self {
-        self.detail = detail;
-        self
-    }
-
     /// The settings in use.
     pub fn settings(&self) -> &AffinitySettings {
         &self.settings
@@ -143,6 +136,14 @@ impl Segmenter for AffinitySegmenter {
 
     fn prefers_upright(&self) -> bool {
         true
+    }
+
+    fn detail(&self) -> Option<Detail> {
+        Some(self.detail)
+    }
+
+    fn set_detail(&mut self, detail: Detail) {
+        self.detail = detail;
     }
 
     fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {

@@ -18,7 +18,7 @@ mod surface;
 
 pub use settings::{BorderWeights, GraphSettings, PatchSettings, SurfaceSettings};
 
-use crate::{Segmenter, SegmenterError};
+use crate::{Detail, Segmenter, SegmenterError};
 use splatseg_geometry::{CameraFrame, Mask, ScoredMask, Segmentation};
 
 /// A segmenter that cuts the image where depth, surface orientation and colour change as they do between objects.
@@ -27,6 +27,7 @@ use splatseg_geometry::{CameraFrame, Mask, ScoredMask, Segmentation};
 #[derive(Clone, Debug)]
 pub struct GraphSegmenter {
     settings: GraphSettings,
+    detail: Detail,
 }
 
 impl GraphSegmenter {
@@ -35,7 +36,7 @@ impl GraphSegmenter {
     /// # Errors
     /// [`SegmenterError::Setting`] if a setting is out of its range.
     pub fn new(settings: GraphSettings) -> Result<Self, SegmenterError> {
-        Ok(Self { settings: settings.validated()? })
+        Ok(Self { settings: settings.validated()?, detail: Detail::Normal })
     }
 
     /// The settings in use.
@@ -53,8 +54,18 @@ impl Segmenter for GraphSegmenter {
         false
     }
 
+    fn detail(&self) -> Option<Detail> {
+        Some(self.detail)
+    }
+
+    fn set_detail(&mut self, detail: Detail) {
+        self.detail = detail;
+    }
+
     fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
-        let settings = &self.settings;
+        let mut settings = self.settings.clone();
+        settings.borders.bias += self.detail.log_odds();
+        let settings = &settings;
         let scaled = resolution::ScaledFrame::new(frame, settings.max_pixels);
         let lab = color::smoothed_lab(&scaled.color, settings.color_smoothing);
         let surface = surface::Surface::from_depth(&scaled.depth, scaled.camera, &lab, &settings.surface);

@@ -46,6 +46,14 @@ pub trait Segmenter: Send {
         true
     }
 
+    /// How finely it segments frames. `None` if that cannot be chosen, and if not implemented.
+    fn detail(&self) -> Option<Detail> {
+        None
+    }
+
+    /// Chooses how finely later frames are segmented. Does nothing if [`Self::detail`] is `None`.
+    fn set_detail(&mut self, _detail: Detail) {}
+
     /// Returns the segments of `frame`. Empty masks are left out, so the list is empty if nothing was found. A segmenter that
     /// knows only masks returns `masks.into()`.
     ///

@@ -53,6 +53,7 @@ fn view_frame(number: usize, frame: &RgbdFrame<'_>, segments: &SegmentMap, seen:
         status: ViewStatus {
             dropped: 0,
             is_pose_given: true,
+            detail: None,
             delay: Some(Duration::from_millis(40)),
             lines: if lost {
                 vec!["The camera is lost: turn it to a place that it has seen.".to_owned()]

@@ -1,4 +1,5 @@
-//! Requests of a viewer of the page to the program: find objects by words, give them labels, merge them.
+//! Requests of a viewer of the page to the program: find objects by words, give them labels, merge them, segment more
+//! finely.
 
 use serde_json::{Value, json};
 use splatseg_geometry::SegmentId;
@@ -19,6 +20,8 @@ pub enum ViewRequest {
     Name(SegmentId, Option<String>),
     /// Make these objects one.
     Merge(Vec<SegmentId>),
+    /// Segment later frames with the degree of detail of this name.
+    Detail(String),
 }
 
 /// The answer to a [`ViewRequest`].
@@ -36,7 +39,7 @@ pub type AnswerViewer = Arc<dyn Fn(ViewRequest) -> Result<ViewAnswer, String> + 
 
 impl ViewRequest {
     /// The request in a text of the page: `{"ask": "find", "text": "red mug"}` or `{"ask": "name", "id": 15, "label":
-    /// "mug"}` or `{"ask": "merge", "ids": [15, 7]}`. `None` if it is none.
+    /// "mug"}` or `{"ask": "merge", "ids": [15, 7]}` or `{"ask": "detail", "detail": "fine"}`. `None` if it is none.
     pub(crate) fn parse(text: &str) -> Option<Self> {
         let value: Value = serde_json::from_str(text).ok()?;
         let short = |key: &str| Some(value.get(key)?.as_str()?.trim().to_owned()).filter(|text| text.len() <= MAX_TEXT);
@@ -48,6 +51,7 @@ impl ViewRequest {
                 let ids = value.get("ids")?.as_array().filter(|ids| (2..=MAX_MERGED).contains(&ids.len()))?;
                 Some(Self::Merge(ids.iter().map(id).collect::<Option<_>>()?))
             }
+            "detail" => Some(Self::Detail(short("detail")?)),
             _ => None,
         }
     }
@@ -66,6 +70,7 @@ impl ViewRequest {
             Self::Merge(ids) => {
                 json!({ "kind": "merged", "ids": ids, "into": ids.iter().min(), "error": error })
             }
+            Self::Detail(detail) => json!({ "kind": "detail", "detail": detail, "error": error }),
         };
         Message::text(message.to_string())
     }
@@ -86,9 +91,10 @@ mod tests {
         let wrong =
             ["", "shown", "{}", r#"{"ask":"stop"}"#, r#"{"ask":"find"}"#, r#"{"ask":"name","id":0,"label":"a"}"#];
         assert_eq!(found(r#"{"ask":"merge","ids":[9,7]}"#), Some(ViewRequest::Merge(vec![9, 7])));
+        assert_eq!(found(r#"{"ask":"detail","detail":"fine"}"#), Some(ViewRequest::Detail("fine".to_owned())));
         let not_merged =
             [r#"{"ask":"merge","ids":[9]}"#, r#"{"ask":"merge","ids":[9,0]}"#, r#"{"ask":"merge","ids":[9,"7"]}"#];
-        let more = [long.as_str(), r#"{"ask":"name","id":-1,"label":"a"}"#];
+        let more = [long.as_str(), r#"{"ask":"name","id":-1,"label":"a"}"#, r#"{"ask":"detail","detail":1}"#];
         for text in wrong.into_iter().chain(more).chain(not_merged) {
             assert_eq!(found(text), None, "{text}");
         }

@@ -49,6 +49,8 @@ pub struct ViewStatus {
     pub dropped: u64,
     /// True if the frame's pose came with it; otherwise the camera is tracked.
     pub is_pose_given: bool,
+    /// How finely frames are segmented: the name of a degree of detail. `None` if that cannot be chosen.
+    pub detail: Option<&'static str>,
     /// Time from taking the picture to its result; `None` for a recording.
     pub delay: Option<Duration>,
     /// Further lines to show, e.g. warnings.

@@ -123,6 +123,7 @@ pub(crate) fn frame(placed: &PlacedFrame, origin: DVec3, frames_per_second: f32)
         "rate": frames_per_second,
         "dropped": frame.status.dropped,
         "delay": frame.status.delay.map(|delay| delay.as_secs_f64()),
+        "detail": frame.status.detail,
         "lines": frame.status.lines,
     })
     .to_string();

@@ -40,6 +40,7 @@ impl<'a> PageViewer<'a> {
             ViewRequest::Find(_) => PageMessage::Found,
             ViewRequest::Name(..) => PageMessage::Named,
             ViewRequest::Merge(_) => PageMessage::Merged,
+            ViewRequest::Detail(_) => PageMessage::Detail,
         };
         let answered = (answer.0)(request.clone());
         self.slot.put(kind, request.answered(&answered));

@@ -22,6 +22,7 @@ pub(crate) enum PageMessage {
     Found,
     Named,
     Merged,
+    Detail,
     Objects,
     Frame,
     Map,
@@ -29,7 +30,7 @@ pub(crate) enum PageMessage {
 }
 
 impl PageMessage {
-    pub(crate) const COUNT: usize = 9;
+    pub(crate) const COUNT: usize = 10;
 }
 
 /// The newest message of each kind that a page has not been sent.

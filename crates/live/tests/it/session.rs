@@ -1,6 +1,7 @@
 //! A session on the messages of a small recording: what it publishes, saves and answers.
 
 use splatseg::pipeline::NamedMap;
+use splatseg::segmenter::Detail;
 use splatseg::settings::SettingsLayers;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{DatasetSettings, MatchLimits, read_messages};
@@ -229,6 +230,28 @@ fn requests_are_answered_between_frames() {
         setting.session.run(&mut || is_done.load(Ordering::SeqCst)).unwrap();
     });
     assert!(saved.map().exists());
+}
+
+#[test]
+fn the_detail_that_a_viewer_has_chosen_stays_after_a_reset() {
+    let objects = |detail: Detail| {
+        let mut setting = setting(LiveOptions::default(), None);
+        let requests = setting.session.requests();
+        let is_done = AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                let send = |request| requests.send(request, Duration::from_secs(20));
+                let answers = [LiveRequest::Detail(detail), LiveRequest::Reset].map(send);
+                is_done.store(true, Ordering::SeqCst);
+                assert!(answers.iter().all(Result::is_ok), "{answers:?}");
+            });
+            setting.session.run(&mut || is_done.load(Ordering::SeqCst)).unwrap();
+        });
+        play(&mut setting);
+        setting.session.objects().all().count()
+    };
+    let (coarse, fine) = (objects(Detail::Coarse), objects(Detail::Fine));
+    assert!(coarse < fine, "{coarse} objects, and {fine} with more detail");
 }
 
 /// Who drives by the grid must not see walls of a map that was replaced.

@@ -7,6 +7,7 @@ import { listenToKeys } from "./keys.js";
 import { LabelForm } from "./label_form.js";
 import { LiveClock } from "./live_clock.js";
 import { LiveCrops } from "./live_crops.js";
+import { LiveDetail } from "./live_detail.js";
 import { LiveRun } from "./live_run.js";
 import { LiveStatus } from "./live_status.js";
 import { listenToControls } from "./map_controls.js";
@@ -30,6 +31,8 @@ const SILENCE_MS = 6000;
 const PICTURE_MS = 1000;
 /** The server's code for a session that has ended. */
 const ENDED = 1000;
+/** Said of a request while there is no connection. */
+const NOT_SENT = "not sent: there is no connection";
 /** Colour of objects that are in a frame, but not in the list yet. */
 const NOT_LISTED = [128, 128, 128];
 
@@ -53,6 +56,7 @@ class LivePage {
   #isShown = () => true;
   #words = new Words((ids) => this.#list.showFound(ids));
   #labels = new LabelForm();
+  #detail = new LiveDetail();
   #visibility = new Visibility((isShown) => {
     this.#map?.showObjects(isShown);
     this.#plan?.showObjects(isShown);
@@ -62,7 +66,7 @@ class LivePage {
   });
   #merging = new Merging({
     nameOf: (id) => nameOf(id, this.#run.byId.get(id)),
-    merge: (ids) => this.#ask?.({ ask: "merge", ids }),
+    merge: (ids) => this.#ask?.({ ask: "merge", ids }) === false && note("map-note", NOT_SENT),
     changed: (ids) => {
       this.#list.showChosen(ids);
       this.#picture.mark(ids.size ? ids : [this.#selected]);
@@ -131,7 +135,7 @@ class LivePage {
     socket.addEventListener("close", ({ code }) => {
       clearTimeout(silence);
       // What has come is still shown first.
-      if (code === ENDED) return work.then(() => this.#status.end());
+      if (code === ENDED) return work.then(() => this.#end());
       this.#status.lose();
       setTimeout(() => this.#connect(Math.min(2 * next, PAUSES_MS[1])), next);
     });
@@ -144,6 +148,7 @@ class LivePage {
     show.found = () => this.#words.showFound(message);
     show.named = () => this.#labels.say(message.error ?? "saved");
     show.merged = () => this.#showMerged(message);
+    show.detail = () => this.#showDetail(message);
     show.objects = () => this.#showObjects(message);
     show.map = () => this.#showMap(message);
     show.plan = () => this.#showPlan(message);
@@ -154,15 +159,33 @@ class LivePage {
     // Another run: nothing of the earlier one holds.
     if (this.#run.session && this.#run.session !== message.session) return location.reload();
     this.#run.greet(message);
-    const ask = (request) => this.#socket.readyState === WebSocket.OPEN && this.#socket.send(JSON.stringify(request));
-    this.#ask = message.answers ? ask : null;
-    this.#info.canMerge = message.answers;
-    this.#words.answeredBy(this.#ask);
-    this.#labels.savedBy(this.#ask && ((id, label) => this.#ask({ ask: "name", id, label })));
+    const ask = (request) => {
+      const isOpen = this.#socket.readyState === WebSocket.OPEN;
+      if (isOpen) this.#socket.send(JSON.stringify(request));
+      return isOpen;
+    };
+    this.#answerBy(message.answers ? ask : null);
     document.title = `${message.scene || "live"} – splatseg`;
     byElementId("scene").textContent = message.scene || "splatseg";
     byElementId("facts").textContent = `splatseg ${message.version}`;
     this.#map?.updatePath();
+  }
+
+  /** Requests are sent with `ask`, which tells whether there was a connection; null if nobody answers them. */
+  #answerBy(ask) {
+    this.#ask = ask;
+    this.#info.canMerge = Boolean(ask);
+    this.#words.answeredBy(ask);
+    this.#detail.answeredBy(ask);
+    this.#labels.savedBy(ask && ((id, label) => this.#labels.say(ask({ ask: "name", id, label }) ? "" : NOT_SENT)));
+  }
+
+  /** The session has ended: what was shown stays, and nobody answers any more. */
+  #end() {
+    this.#status.end();
+    this.#merging.stop();
+    this.#answerBy(null);
+    this.#select(this.#selected);
   }
 
   #showStatus({ rate, notes }) {
@@ -200,6 +223,7 @@ class LivePage {
     this.#map?.updatePath();
     this.#map?.showFrame(frame.number);
     this.#plan?.showFrame(frame.number);
+    this.#detail.show(frame.detail);
     this.#lines = frame.lines;
     this.#showLines();
     document.documentElement.dataset.frame = String(frame.number);
@@ -224,6 +248,12 @@ class LivePage {
     this.#map?.mergeObjects(this.#run.into);
     this.#plan?.mergeObjects();
     this.#select(message.into);
+  }
+
+  /** Later frames are segmented otherwise, or cannot be. */
+  #showDetail({ error }) {
+    this.#detail.answered();
+    if (error) note("video-note", error);
   }
 
   /** Lists the objects with their crops. */

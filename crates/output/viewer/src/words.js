@@ -22,7 +22,7 @@ export class Words {
   /** `ask` sends a request; null if the program answers none. */
   answeredBy(ask) {
     this.#ask = ask;
-    if (ask) this.#filter.placeholder = "Find an id, a label or words";
+    this.#filter.placeholder = ask ? "Find an id, a label or words" : "Find an id or a label";
   }
 
   #find() {

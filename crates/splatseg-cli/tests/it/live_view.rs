@@ -203,6 +203,55 @@ fn the_live_page_has_a_timeline_isolates_objects_and_merges_them_in_the_saved_ma
 }
 
 #[test]
+fn the_live_page_names_objects_finds_them_by_words_and_chooses_the_detail() {
+    let test = "the_live_page_names_objects_finds_them_by_words_and_chooses_the_detail";
+    let Some(mut browser) = Browser::start(test, 1440, 900) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("home.ply");
+    let mut live = Live::play_with("0.03", &["--map", map.to_str().unwrap()]);
+    browser.open_url(&format!("http://{}/?token={}", live.address, live.token));
+    let remembered =
+        "[...(window.splatsegPage?.run.objects ?? [])].filter(({ state, box }) => state === 'remembered' && box)";
+    browser.wait_for(&format!("{remembered}.length > 3"));
+    browser.wait_for("document.querySelectorAll('#tracks button').length > 3");
+    let id = browser.value("Number(document.querySelector('#tracks button').dataset.object)").as_u64().unwrap();
+    browser.click_on(&format!("#tracks [data-object='{id}']"));
+    browser.wait_for("!document.querySelector('#objects form').hidden");
+    browser.press("n");
+    browser.call("Input.insertText", json!({ "text": "reading lamp" }));
+    browser.click_on("#objects form button");
+    browser.wait_for("document.querySelector('#objects form .note').textContent === 'saved'");
+    // No label has this text: the program answers.
+    browser.click_on("#filter");
+    browser.call("Input.insertText", json!({ "text": "the lamp" }));
+    browser.wait_for(&format!(
+        "(() => {{ const shown = [...document.querySelectorAll('#list li:not([hidden]) button')]; \
+         return shown.length === 1 && shown[0].dataset.object === '{id}'; }})()"
+    ));
+    // Later frames are segmented as chosen; the page shows what the program says.
+    let detail = "document.querySelector('#detail select').value";
+    assert_eq!(browser.value(detail), "normal");
+    browser.value(
+        "(() => { const choice = document.querySelector('#detail select'); choice.value = 'fine'; \
+         choice.dispatchEvent(new Event('change')); })()",
+    );
+    // The label comes with the next frame, too.
+    browser.wait_for("document.documentElement.dataset.detail === 'fine'");
+    browser.wait_for(&format!("splatsegPage.run.byId.get({id}).label === 'reading lamp'"));
+    assert_eq!(browser.value(detail), "fine");
+    browser.wait_for("document.documentElement.dataset.state === 'ended'");
+    // Nobody answers any more.
+    let is_closed = "document.querySelector('#objects form').hidden && document.getElementById('detail').hidden \
+        && document.getElementById('filter').placeholder === 'Find an id or a label'";
+    assert_eq!(browser.value(is_closed), true);
+    assert!(live.child.wait().unwrap().success());
+    let saved = splatseg::pipeline::NamedMap::load(&map).unwrap();
+    let objects = saved.object_list();
+    assert_eq!(objects.get(id as u32).unwrap().label.as_deref(), Some("reading lamp"));
+    assert_eq!(browser.errors, [] as [String; 0]);
+}
+
+#[test]
 fn foxglove_gets_each_output() {
     let live = Live::start();
     let mut socket = live.socket("/", Some("foxglove.sdk.v1"));

@@ -3,7 +3,6 @@
 use super::{LoadedNetworks, PartError};
 use splatseg_dataset::{DatasetSettings, Framing, Scene};
 use splatseg_models::device::DeviceName;
-use splatseg_segmenter::Detail;
 use splatseg_simulators::SceneGroundTruth;
 use std::sync::Arc;
 
@@ -17,8 +16,6 @@ pub struct PartContext<'a> {
     pub seed: u64,
     /// How every frame is resized and cropped.
     pub framing: Framing,
-    /// How finely frames are segmented.
-    pub detail: Detail,
     /// True if the method prompts objects again that its tracker has lost.
     pub prompts_lost_objects: bool,
     /// Which frames of the scene are used.

@@ -47,10 +47,8 @@ impl PartSection<dyn Segmenter> for GraphSettings {
     const NAME: &'static str = "graph";
     const HELP: &'static str = "Built in, no weights: cuts along edges in depth, normals and colour";
 
-    fn build(&self, _: &PartFiles, context: &PartContext<'_>) -> Result<Box<dyn Segmenter>, PartError> {
-        let mut settings = self.clone();
-        settings.borders.bias += context.detail.log_odds();
-        Ok(Box::new(GraphSegmenter::new(settings)?))
+    fn build(&self, _: &PartFiles, _: &PartContext<'_>) -> Result<Box<dyn Segmenter>, PartError> {
+        Ok(Box::new(GraphSegmenter::new(self.clone())?))
     }
 }
 
@@ -64,7 +62,7 @@ impl PartSection<dyn Segmenter> for AffinitySettings {
 
     fn build(&self, files: &PartFiles, context: &PartContext<'_>) -> Result<Box<dyn Segmenter>, PartError> {
         let (network, noisy_depth) = context.networks.affinity(files.get(&WEIGHTS_OF_AFFINITY), context.device)?;
-        let mut segmenter = AffinitySegmenter::new(network, self.clone())?.with_detail(context.detail);
+        let mut segmenter = AffinitySegmenter::new(network, self.clone())?;
         if let Some(network) = noisy_depth {
             segmenter = segmenter.with_noisy_depth(network);
         }

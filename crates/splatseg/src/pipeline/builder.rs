@@ -308,7 +308,6 @@ impl<'a> PipelineBuilder<'a> {
             seed: self.settings.run.seed,
             framing: self.settings.dataset.framing(),
             dataset: &self.settings.dataset,
-            detail: self.settings.run.detail,
             prompts_lost_objects: self.settings.method.prompts_lost_objects(),
             networks: &self.networks,
             scene: self.scene.as_ref(),
@@ -321,7 +320,9 @@ impl<'a> PipelineBuilder<'a> {
             let truth = context.ground_truth("prompts = ground-truth")?;
             return Ok(Box::new(GroundTruthPrompts::new(truth, min_area)));
         }
-        Ok(self.settings.segmenter.build(&context)?)
+        let mut segmenter = self.settings.segmenter.build(&context)?;
+        segmenter.set_detail(self.settings.run.detail);
+        Ok(segmenter)
     }
 
     fn make_method(&mut self) -> Result<Box<dyn Method>, PipelineError> {

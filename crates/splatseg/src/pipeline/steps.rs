@@ -14,7 +14,7 @@ use splatseg_odometry::{
     InputDoubt, KeyframePlace, MethodFindings, PoseEvent, PoseInput, PoseMode, PoseSource, PoseSourceError, PoseUpdate,
     StateScope, TrackedPoses,
 };
-use splatseg_segmenter::Segmenter;
+use splatseg_segmenter::{Detail, Segmenter};
 use splatseg_tracking::Method;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -104,6 +104,16 @@ impl Pipeline {
         let segmented = self.segmented_before_fit(&working);
         let placed = self.place(&mut working, self.objects.frames(), None)?;
         self.step_placed(&working, placed, segmented)
+    }
+
+    /// How finely frames are segmented; `None` if the segmenter cannot be told.
+    pub fn detail(&self) -> Option<Detail> {
+        self.segmenter.detail()
+    }
+
+    /// Chooses how finely later frames are segmented. Does nothing if [`Self::detail`] is `None`.
+    pub fn set_detail(&mut self, detail: Detail) {
+        self.segmenter.set_detail(detail);
     }
 
     /// Sets when the next frame was seen, for [`ObjectList::add_seen_times`](splatseg_objects::ObjectList::add_seen_times), if

@@ -60,7 +60,13 @@ pub fn frame(number: usize, width: usize, height: usize) -> ViewFrame {
             state: Some(ObjectState::Remembered),
             seen: vec![(0.0, 0.1 * number as f64)],
         }],
-        status: ViewStatus { dropped: 3, is_pose_given: number == 5, delay: None, lines: vec!["a warning".to_owned()] },
+        status: ViewStatus {
+            dropped: 3,
+            is_pose_given: number == 5,
+            detail: Some("normal"),
+            delay: None,
+            lines: vec!["a warning".to_owned()],
+        },
     }
 }
 

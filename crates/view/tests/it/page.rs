@@ -262,14 +262,15 @@ fn the_end_of_the_session_is_told() {
 }
 
 #[test]
-fn viewers_find_objects_and_name_them_if_the_program_answers() {
+fn viewers_find_and_name_objects_and_choose_the_detail_if_the_program_answers() {
     let server = start(ViewLimits::default());
     let mut deaf = watched(&server);
     assert_eq!(deaf.page_message("hello").unwrap().0["answers"], json!(false));
     server.answer_with(Arc::new(|request| match request {
         ViewRequest::Find(text) if text == "mug" => Ok(ViewAnswer::Found(vec![(7, 0.5), (3, 0.25)])),
         ViewRequest::Find(_) => Err("no names".to_owned()),
-        ViewRequest::Name(..) | ViewRequest::Merge(_) => Ok(ViewAnswer::Done),
+        ViewRequest::Detail(detail) if detail != "fine" => Err("no such detail".to_owned()),
+        ViewRequest::Name(..) | ViewRequest::Merge(_) | ViewRequest::Detail(_) => Ok(ViewAnswer::Done),
     }));
     let mut page = watched(&server);
     assert_eq!(page.page_message("hello").unwrap().0["answers"], json!(true));
@@ -283,6 +284,9 @@ fn viewers_find_objects_and_name_them_if_the_program_answers() {
     assert_eq!(ask(r#"{"ask": "find", "text": "x"}"#, "found")["error"], json!("no names"));
     let named = ask(r#"{"ask": "name", "id": 7, "label": "mug"}"#, "named");
     assert_eq!((&named["id"], &named["label"], &named["error"]), (&json!(7), &json!("mug"), &json!(null)));
+    let fine = ask(r#"{"ask": "detail", "detail": "fine"}"#, "detail");
+    assert_eq!((&fine["detail"], &fine["error"]), (&json!("fine"), &json!(null)));
+    assert_eq!(ask(r#"{"ask": "detail", "detail": "finest"}"#, "detail")["error"], json!("no such detail"));
     // Nonsense is counted, and ends nothing.
     let before = server.counts().bad_messages;
     page.send(TEXT, br#"{"ask": "stop"}"#);
