@@ -19,7 +19,7 @@ trap 'rm -rf "$out"' EXIT
 
 export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER=aarch64-linux-gnu-gcc
 export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER="qemu-aarch64 -L $libraries"
-cargo test --release --locked --target "$target" "${packages[@]/#/--package=}"
+cargo test --release --locked --target "$target" --lib --tests "${packages[@]/#/--package=}"
 cargo build --release --locked --target "$target" --package splatseg-cli --features "$features"
 cargo build --release --locked --package splatseg-cli --features "$features"
 arm=$built/$target/release/splatseg

@@ -2,6 +2,7 @@
 
 use super::Failure;
 use super::input_paths::InputPaths;
+use super::inspect::results::not_opened;
 use super::options::{DatasetOptions, memory_limit};
 use super::output_folder::OverwritePolicy;
 use super::run::{ExtraFile, FileKind, SkippedFrames, StopSignals};
@@ -65,7 +66,7 @@ pub fn convert(arguments: &ConvertArguments) -> Result<(), Failure> {
     memory_limit(arguments.memory_limit.as_ref())?.enforce();
     let out = Output::prepare(arguments)?;
     let signals = StopSignals::listen().map_err(|error| no_thread("listens for signals", &error))?;
-    let scene = open_scene(&arguments.scene, &settings).map_err(Failure::input)?;
+    let scene = open_scene(&arguments.scene, &settings).map_err(|error| not_opened(&arguments.scene, error))?;
     let stream = FrameStream::open(Arc::clone(&scene), &settings, GroundTruth::Skip).map_err(Failure::input)?;
     inform!("{}", stream.description());
     let recording = out.start(arguments.compression.into())?;

@@ -1,8 +1,10 @@
-//! `splatseg inspect`: shows the contents of a checkpoint, a map, a recording, a scene, or a folder of recordings.
+//! `splatseg inspect`: shows the contents of a checkpoint, a map, a recording, a scene, the results of a run, or a folder of
+//! recordings.
 
 mod folder;
 mod map;
 mod recording;
+pub mod results;
 mod scene;
 
 use super::Failure;
@@ -10,6 +12,7 @@ use super::options::{CameraOptions, TopicOptions};
 use clap::Args;
 use serde::Serialize;
 use serde_json::{Value, json};
+use splatseg::evaluation::RunSummary;
 use splatseg_dataset::{DatasetSettings, RecordingScene, open_scene};
 use splatseg_models::checkpoint::{Architecture, Checkpoint, CheckpointError, Dtype, Format, printable};
 use splatseg_models::clip::ClipNetwork;
@@ -22,7 +25,7 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 pub struct InspectArguments {
     /// A recording (.mcap, .db3, .bag, .mkv of Azure Kinect, or a folder with one), a scene (a folder in any format of `run`,
-    /// or a .sens file), a folder with several of them, a map (.ply), or a checkpoint (.pt from Ultralytics or Meta, or
+    /// or a .sens file), a folder with several of them, the results of a run, a map (.ply), or a checkpoint (.pt from Ultralytics or Meta, or
     /// .safetensors)
     pub file: PathBuf,
     /// Also write the checkpoint as a .safetensors file, without a pickle; an existing file is not replaced
@@ -62,6 +65,12 @@ pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
 
 /// Prints the contents of the file.
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
+    // For scores, a run's folder `segments` stands for all of its results.
+    let is_whole = arguments.file.join("segments").is_dir();
+    if let (true, Some(run)) = (is_whole, RunSummary::of(&arguments.file).map_err(Failure::input)?) {
+        arguments.refuse_checkpoint_options("the results of a run")?;
+        return results::print(arguments, &run);
+    }
     let members = folder::members(&arguments.file, &arguments.topics.settings(&arguments.camera)?)?;
     if !members.is_empty() {
         arguments.refuse_checkpoint_options("a folder")?;

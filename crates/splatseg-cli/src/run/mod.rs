@@ -33,6 +33,7 @@ use super::arguments::RunArguments;
 use super::browser;
 use super::default_out::default_out;
 use super::input_paths::{InputPaths, real_path};
+use super::inspect::results::not_opened;
 use super::manifest::SUMMARY;
 use super::map_changes::{self, MapBefore};
 use super::output_folder::{OutputFolder, OverwritePolicy};
@@ -262,7 +263,7 @@ fn execute_with(
 fn open_job_scene(job: &RunJob) -> Result<Arc<dyn Scene>, Failure> {
     let checked = Pipeline::builder(&job.settings).networks(&job.networks);
     checked.check_depth_predictor().map_err(Failure::input)?;
-    let scene = open_scene(&job.scene, &job.settings.dataset).map_err(Failure::input)?;
+    let scene = open_scene(&job.scene, &job.settings.dataset).map_err(|error| not_opened(&job.scene, error))?;
     checked.scene(&scene).check_depth_predictor().map_err(Failure::input)?;
     Ok(scene)
 }

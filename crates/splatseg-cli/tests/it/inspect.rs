@@ -240,6 +240,28 @@ fn a_folder_of_recordings_is_listed() {
 }
 
 #[test]
+fn the_results_of_a_run_are_described_and_are_no_scene() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    let map = out.join("map.ply");
+    let scene = "synthetic:frames=2,width=96,height=72";
+    let options = ["run", scene, "--out", out.to_str().unwrap(), "--quiet", "--no-overlay"];
+    let ended = finish(splatseg().args(options).args(["--save-memory", map.to_str().unwrap()]));
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    let described = inspect(&out, &[]).out;
+    for line in ["kind           results of a run", &format!("scene          {scene}"), "frames         2"] {
+        assert!(described.lines().any(|found| found == line), "{line}: {described}");
+    }
+    assert!(described.contains("index.html") && described.contains("map.ply"), "{described}");
+    let json: serde_json::Value = serde_json::from_str(&inspect(&out, &["--json"]).out).unwrap();
+    assert_eq!((&json["kind"], &json["frames"], &json["interrupted"]), (&json!("results"), &json!(2), &json!(false)));
+    assert_eq!(json["maps"].as_array().unwrap().len(), 1);
+    let refused = finish(splatseg().args(["run", out.to_str().unwrap()]));
+    assert_eq!((refused.code, refused.err.lines().count()), (2, 1), "{}", refused.err);
+    assert!(refused.err.contains(&format!("the results of a run of {scene}")), "{}", refused.err);
+}
+
+#[test]
 fn contents_are_printed_as_json() {
     let folder = tempfile::tempdir().unwrap();
     let printed = |file: &Path, more: &[&str]| {

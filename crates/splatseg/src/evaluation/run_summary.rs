@@ -1,4 +1,4 @@
-//! Reads the scene and dataset settings from the `summary.json` of a run.
+//! Reads the scene, the dataset settings and the outcome from the `summary.json` of a run.
 
 use super::EvaluationError;
 use crate::relative_paths::resolved;
@@ -21,6 +21,14 @@ pub struct RunSummary {
     pub scene: PathBuf,
     /// Dataset settings of the run.
     pub dataset: DatasetSettings,
+    /// Frames with a result, if the summary has their number.
+    pub frames: Option<u64>,
+    /// Objects that count, if the summary has their number.
+    pub objects: Option<u64>,
+    /// True if a signal stopped the run before the last frame.
+    pub interrupted: bool,
+    /// The error that ended the run before the last frame, and errors writing results.
+    pub error: Option<String>,
 }
 
 impl RunSummary {
@@ -51,7 +59,11 @@ impl RunSummary {
         let mut layers = SettingsLayers::default();
         layers.add_file(&path)?;
         let dataset = layers.resolve_shared()?.dataset;
-        Ok(Some(Self { path, scene, dataset }))
+        let number = |key: &str| summary.get(key).and_then(Value::as_u64);
+        let (frames, objects) = (number("frames"), number("objects"));
+        let interrupted = summary.get("interrupted").and_then(Value::as_bool).unwrap_or(false);
+        let error = summary.get("error").and_then(Value::as_str).map(str::to_owned);
+        Ok(Some(Self { path, scene, dataset, frames, objects, interrupted, error }))
     }
 
     /// Checks that the predictions are of this scene.
