@@ -32,10 +32,15 @@ impl FrameMatcher {
             _ => settings.world_frame.is_some(),
         };
         let names_all = settings.color.is_some() && settings.depth.is_some() && names_poses;
-        if self.images.len() == 0 || !(is_end || names_all || self.elapsed >= self.limits.settle) {
+        let is_time = is_end || names_all || self.elapsed >= self.limits.settle;
+        // Frames that must not be missed would soon be dropped.
+        let is_full = self.keeps_frames && self.images.bytes() > self.limits.bytes / 2;
+        if self.images.len() == 0 || !(is_time || is_full) {
             return;
         }
         match StreamTopics::new(&self.contents, settings) {
+            // They may still come.
+            Ok(chosen) if !is_time && matches!(chosen.poses, PoseSource::None) => {}
             Ok(chosen) => {
                 self.undecided = None;
                 self.chosen = Some(chosen);
@@ -142,7 +147,7 @@ impl FrameMatcher {
             let has_source = !matches!(chosen.poses, PoseSource::None);
             let is_known = pose.is_some() && chosen.poses.reaches(&self.contents, pair.color.stamp);
             let waited = self.elapsed.saturating_sub(pair.since) >= self.limits.pose_wait;
-            let too_many = self.pairs.len() > self.limits.waiting;
+            let too_many = self.pairs.len() > self.limits.waiting && !self.keeps_frames;
             if has_source && !(is_known || waited || too_many || is_end) {
                 return;
             }

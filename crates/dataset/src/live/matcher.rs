@@ -124,8 +124,9 @@ impl FrameMatcher {
         })
     }
 
-    /// Keeps the frames from before a clock was set back: they are completed with what is known by then. For a consumer
-    /// that must not miss frames, e.g. of a recording; others need what is now.
+    /// Keeps the frames from before topics are chosen, those that wait for their poses, and those from before a clock was
+    /// set back, which are completed with what is known by then. For a consumer that must not miss frames, e.g. of a
+    /// recording; others need what is now. Memory is limited by [`MatchLimits::bytes`].
     #[must_use]
     pub fn keeping_frames(self) -> Self {
         Self { keeps_frames: true, ..self }
@@ -346,7 +347,8 @@ impl FrameMatcher {
             }
         }
         self.drop_late(topic);
-        let most = self.limits.waiting;
+        // Before topics are chosen, nothing can be paired: then only memory limits those that must not be missed.
+        let most = if self.keeps_frames && self.chosen.is_none() { usize::MAX } else { self.limits.waiting };
         let Some(timeline) = self.timeline(topic) else { return };
         let messages = timeline.messages();
         let first_kept =

@@ -265,6 +265,37 @@ fn poses_that_come_later_are_waited_for_and_interpolated() {
     same_as_recorded(&times);
 }
 
+/// At 90 Hz, more frames than usually may wait come before topics are chosen, and before the pose of one arrives.
+#[test]
+fn a_consumer_that_must_not_miss_frames_gets_those_of_the_start() {
+    let mut times = times(240);
+    for (times, index) in times.iter_mut().zip(0..) {
+        let at = START + index * FRAME_NS / 9;
+        (times.color, times.depth, times.pose) = (at, at, at);
+        (times.received, times.pose_received) = (at + 10 * MS, at + 450 * MS);
+    }
+    let bytes = written(&times);
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.mcap"), &bytes).unwrap();
+    let none = DatasetSettings::default();
+    let scene = RecordingScene::open(folder.path(), &none).unwrap();
+    let messages = messages(&bytes);
+    // The second has no memory for two seconds of images, so topics are chosen earlier.
+    for bytes in [MatchLimits::default().bytes, 64 << 10] {
+        let limits = MatchLimits { bytes, ..MatchLimits::default() };
+        let mut matcher = FrameMatcher::new(&none, MatchLimits { complete: 1000, ..limits }).unwrap().keeping_frames();
+        let mut frames = Vec::new();
+        for message in &messages {
+            feed(&mut matcher, message);
+            frames.extend(take_all(&mut matcher, message.at));
+        }
+        matcher.flush();
+        frames.extend(take_all(&mut matcher, Duration::ZERO));
+        assert_eq!(matcher.counts().dropped.total(), 0, "{}", matcher.counts());
+        assert_same(&frames, &scene);
+    }
+}
+
 #[test]
 fn images_with_different_stamps_are_paired_as_in_a_recording() {
     let mut times = times(20);
