@@ -37,6 +37,8 @@ pub struct MatchCounts {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct DropCounts {
+    /// Before topics were chosen, see [`MatchLimits::settle`](crate::MatchLimits::settle).
+    pub early: u64,
     /// Without an image of the other topic at their time.
     pub unpaired: u64,
     /// In complete frames that a newer one replaced before the consumer asked: it is slower than the camera.
@@ -56,8 +58,8 @@ pub struct DropCounts {
 impl DropCounts {
     /// Returns the number of images that were not used.
     pub fn total(&self) -> u64 {
-        let Self { unpaired, busy, late, repeated, misfits, set_back, memory } = self;
-        unpaired + busy + late + repeated + misfits + set_back + memory
+        let Self { early, unpaired, busy, late, repeated, misfits, set_back, memory } = self;
+        early + unpaired + busy + late + repeated + misfits + set_back + memory
     }
 }
 
@@ -69,6 +71,7 @@ impl fmt::Display for MatchCounts {
         let parts = [
             (self.without_pose, "frames without a pose"),
             (self.unreadable, "frames unreadable"),
+            (dropped.early, "images before topics were chosen"),
             (dropped.unpaired, "images unpaired"),
             (dropped.busy, "images dropped, busy"),
             (dropped.late, "images late"),

@@ -354,7 +354,11 @@ impl FrameMatcher {
         let first_kept =
             messages.len().checked_sub(most).and_then(|first| messages.get(first)).map(|first| first.stamp);
         let too_many = first_kept.map(|first| timeline.take_if(|image| image.stamp < first)).unwrap_or_default();
-        self.drop_images(too_many, |dropped| &mut dropped.unpaired);
+        let reason: fn(&mut DropCounts) -> &mut u64 = match self.chosen {
+            None => |dropped| &mut dropped.early,
+            Some(_) => |dropped| &mut dropped.unpaired,
+        };
+        self.drop_images(too_many, reason);
         while self.images.bytes() > self.limits.bytes {
             self.drop_oldest();
         }
