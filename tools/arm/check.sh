@@ -2,7 +2,7 @@
 # Tries the program for ARM on another machine, emulated: tools/arm/check.sh [PACKAGE...]
 #
 # Runs the tests of the packages that use vector instructions, or of those given, and then the demo, whose ids and map
-# must be the bytes of this machine's own program. Last, it counts the instructions of six frames with each set.
+# must be the bytes of this machine's own program. Last, it counts the instructions of six frames with each set, on both.
 #
 # It needs Debian's gcc, gcc-aarch64-linux-gnu and qemu-user, and Rust's standard library for ARM: that of
 # `rustup target add aarch64-unknown-linux-gnu`, or of the compiler in RUSTC. Emulated programs are some 30 times slower.
@@ -32,8 +32,14 @@ cmp "$out/arm/memory.ply" "$out/own/memory.ply"
 echo "the ids and the map of the demo are the same bytes on ARM and here"
 
 gcc -shared -fPIC -o "$out/count.so" tools/arm/count_instructions.c
+count() {
+    printf '%s, %s: ' "$1" "$2"
+    RAYON_NUM_THREADS=1 "${@:3}" --quiet run "$out/arm/scene" --online --max-frames 6 --out "$out/$1-$2" 2>&1 |
+        grep --only-matching 'instructions.*'
+}
 for set in neon portable; do
-    printf '%s: ' "$set"
-    RAYON_NUM_THREADS=1 qemu-aarch64 -L "$libraries" -plugin "$out/count.so" -E SPLATSEG_INSTRUCTIONS=$set \
-        "$arm" --quiet run "$out/arm/scene" --online --max-frames 6 --out "$out/$set" 2>&1 | grep --only-matching 'instructions.*'
+    count ARM $set qemu-aarch64 -L "$libraries" -plugin "$out/count.so" -E SPLATSEG_INSTRUCTIONS=$set "$arm"
+done
+for set in avx2 portable; do
+    count x86-64 $set qemu-x86_64 -cpu max -plugin "$out/count.so" -E SPLATSEG_INSTRUCTIONS=$set "$own"
 done
