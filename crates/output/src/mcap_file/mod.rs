@@ -46,7 +46,8 @@ use std::io;
 use std::path::PathBuf;
 pub use stream_recording::StreamRecording;
 
-/// Interval between frames without timestamps, nanoseconds: 30 frames per second.
+/// Interval between frames without timestamps, nanoseconds: 30 frames per second. It is also the time of the first, as 0
+/// means "no time" in ROS.
 const FRAME_INTERVAL: i64 = 33_333_333;
 /// Up to this number of objects, each message with boxes repeats all earlier boxes, because a viewer that jumps to a
 /// time reads only the latest message. Beyond it, this would make the file grow with the square of the number of
@@ -56,8 +57,8 @@ const MAX_REPEATED: usize = 300;
 /// The recording. It is written at the end, from the images in the folder, so that only a few hundred bytes are stored
 /// per frame.
 ///
-/// Times are the timestamps of the frames. A frame without a timestamp comes 1/30 s after the previous frame, or at
-/// time 0 if it is the first. The same run gives the same bytes.
+/// Times are the timestamps of the frames. A frame without a timestamp comes 1/30 s after the previous frame, or
+/// 1/30 s after time 0 if it is the first. The same run gives the same bytes.
 #[derive(Debug)]
 pub struct McapFile {
     path: PathBuf,
@@ -142,7 +143,7 @@ impl Seen {
         let nanoseconds = match (record.frame.timestamp(), self.frames.last()) {
             (Some(time), _) => i64::try_from(time.as_nanos()).unwrap_or(i64::MAX),
             (None, Some(latest)) => latest.time.saturating_add(FRAME_INTERVAL),
-            (None, None) => 0,
+            (None, None) => FRAME_INTERVAL,
         };
         // ROS counts seconds with 32 bits.
         Time::from_nanoseconds(nanoseconds).nanoseconds()
@@ -320,7 +321,7 @@ mod tests {
         let found =
             [None, None, Some(Duration::from_secs(1_700_000_000)), None, Some(Duration::MAX), None].map(&mut time);
         let (late, end) = (1_700_000_000_000_000_000, i64::from(i32::MAX));
-        assert_eq!(found[..4], [0, FRAME_INTERVAL, late, late + FRAME_INTERVAL]);
+        assert_eq!(found[..4], [FRAME_INTERVAL, 2 * FRAME_INTERVAL, late, late + FRAME_INTERVAL]);
         assert!(found[4..].iter().all(|time| time / 1_000_000_000 == end), "{found:?}");
     }
 }

@@ -65,7 +65,7 @@ impl SceneRecording {
     }
 
     /// Writes the next frame and the pose of its camera, if it has one. A frame without a time, or with one that is not
-    /// after the frame before, comes 1/30 s after that one, as readers sort by time.
+    /// after the frame before, comes 1/30 s after that one, as readers sort by time; the first frame comes 1/30 s after time 0.
     ///
     /// # Errors
     /// If it cannot be written. [`io::ErrorKind::InvalidInput`] if its time is after 2038, where times in ROS 2 end.
@@ -93,7 +93,7 @@ impl SceneRecording {
 
     /// Returns the time of the next frame, nanoseconds.
     fn next_time(&mut self, frame: &CameraFrame<'_>) -> io::Result<i64> {
-        let after_latest = self.latest.map_or(0, |latest| latest.saturating_add(FRAME_INTERVAL));
+        let after_latest = self.latest.unwrap_or(0).saturating_add(FRAME_INTERVAL);
         let own = frame.timestamp().map(|time| i64::try_from(time.as_nanos()).unwrap_or(i64::MAX));
         let time = match own {
             Some(own) if self.latest.is_some_and(|latest| own <= latest) => {

@@ -64,7 +64,7 @@ fn a_recording_has_the_images_the_map_and_the_boxes_of_the_run() {
     assert_eq!(topics.keys().map(String::as_str).collect::<BTreeSet<_>>(), expected);
     for topic in IMAGES {
         let times: Vec<u64> = topics[topic].iter().map(|message| message.log_time).collect();
-        assert_eq!(times, (0..FRAMES as u64).map(|frame| frame * INTERVAL).collect::<Vec<_>>(), "{topic}");
+        assert_eq!(times, (1..=FRAMES as u64).map(|number| number * INTERVAL).collect::<Vec<_>>(), "{topic}");
     }
     let summary = RecordingSummary::read(&file, &DatasetSettings::default()).unwrap();
     assert_eq!((summary.topics.len(), summary.damage.len()), (7, 0));
@@ -114,7 +114,7 @@ fn check_images(topics: &BTreeMap<String, Vec<mcap::Message<'static>>>, out: &Pa
 /// Asserts that there is a point for each Gaussian, in the colour of its object.
 fn check_points(messages: &[mcap::Message<'static>], out: &Path) {
     let [message] = messages else { panic!("{} messages", messages.len()) };
-    assert_eq!(message.log_time, 0);
+    assert_eq!(message.log_time, INTERVAL);
     let cloud: PointCloud2<'_> = from_cdr(&message.data).unwrap();
     let names: Vec<&str> = cloud.fields.iter().map(|field| field.name.as_str()).collect();
     assert_eq!(names, ["x", "y", "z", "rgb", "segment_id", "colors"]);
@@ -146,7 +146,7 @@ fn check_boxes(topics: &BTreeMap<String, Vec<mcap::Message<'static>>>, list: &Ob
             .objects
             .iter()
             .filter_map(|object| {
-                let first = object.first_frame.as_ref()?.number as u64 * INTERVAL;
+                let first = (object.first_frame.as_ref()?.number as u64 + 1) * INTERVAL;
                 Some((object.id, (object.shape.as_ref()?.oriented_box, first)))
             })
             .filter(|(_, (_, first))| *first <= until)
