@@ -23,7 +23,7 @@ const ENOUGH: u16 = 2;
 /// A box in which rays cross the height of its surface this many times, and this many times more often than they end
 /// there, has nothing that stays.
 const PASSED: (u32, u32) = (20, 10);
-/// From so many points on, a box has a surface whose height is known.
+/// Fewest points of a box whose surface has a known height.
 const SURE: u32 = 8;
 /// The surface is at most this far above or below the points on it, metres.
 const SURFACE: f32 = 0.005;

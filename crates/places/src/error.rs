@@ -40,7 +40,7 @@ pub enum PlanError {
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum RouteError {
-    /// The radius of the robot is no possible one.
+    /// The radius of the robot is out of range.
     #[error("radius: found {0}, expected 0 to 5 m")]
     Radius(f64),
     /// There is no free place for the robot at the start or at the end.

@@ -25,8 +25,8 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 pub struct InspectArguments {
     /// A recording (.mcap, .db3, .bag, .mkv of Azure Kinect, or a folder with one), a scene (a folder in any format of `run`,
-    /// or a .sens file), a folder with several of them, the results of a run, a map (.ply), or a checkpoint (.pt from Ultralytics or Meta, or
-    /// .safetensors)
+    /// or a .sens file), a folder with several of them, the results of a run, a map (.ply), or a checkpoint (.pt from
+    /// Ultralytics or Meta, or .safetensors)
     pub file: PathBuf,
     /// Also write the checkpoint as a .safetensors file, without a pickle; an existing file is not replaced
     #[arg(long, value_name = "FILE.safetensors")]
@@ -66,8 +66,9 @@ pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
 /// Prints the contents of the file.
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     // For scores, a run's folder `segments` stands for all of its results.
-    let is_whole = arguments.file.join("segments").is_dir();
-    if let (true, Some(run)) = (is_whole, RunSummary::of(&arguments.file).map_err(Failure::input)?) {
+    if arguments.file.join("segments").is_dir()
+        && let Some(run) = RunSummary::of(&arguments.file).map_err(Failure::input)?
+    {
         arguments.refuse_checkpoint_options("the results of a run")?;
         return results::print(arguments, &run);
     }

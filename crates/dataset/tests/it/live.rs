@@ -294,7 +294,7 @@ fn a_consumer_that_must_not_miss_frames_gets_those_of_the_start() {
         assert_eq!(matcher.counts().dropped.total(), 0, "{}", matcher.counts());
         assert_same(&frames, &scene);
     }
-    // Others lose them, and are told why.
+    // A matcher that may miss frames counts them as early.
     let (_, matcher) = matched(&messages, &none, MatchLimits::default());
     let dropped = matcher.counts().dropped;
     assert!(dropped.early > 100 && dropped.unpaired == 0, "{}", matcher.counts());

@@ -33,7 +33,7 @@ fn files_that_are_not_read_are_told_in_one_line() {
         assert!(!error.contains('\n'), "{error}");
         error
     };
-    let notes = told("notes.txt", b"hello, this is no recording");
+    let notes = told("notes.txt", b"hello, this is not a recording");
     assert!(
         notes.contains("found a file that begins with \"hello, this is n\", expected a recording: .mcap"),
         "{notes}"

@@ -114,8 +114,7 @@ fn forward(socket: &std::path::Path, server: SocketAddr) {
     });
 }
 
-/// The SDK's own client, over HTTP: it lists the tools and calls them, two at the same time, too, and is told what is wrong
-/// with a token.
+/// The SDK's own client, over HTTP, lists the tools and calls them, also two at once. A wrong token is reported.
 #[cfg(unix)]
 #[test]
 fn the_client_of_the_sdk_is_served() {

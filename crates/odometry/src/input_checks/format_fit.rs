@@ -4,7 +4,7 @@ use super::seen_motion::{SeenMotion, image_motion};
 use crate::se3;
 use splatseg_geometry::{CameraAxes, Pose, PoseFormat};
 
-/// An error counts as at most this many times the motion: a reading that is absurd is no worse than a wrong one.
+/// An error counts as at most this many times the motion: an absurd reading counts as much as a wrong one.
 const MAX_ERROR: f64 = 2.0;
 
 /// A reading is preferred to one with more deviations from the usual if their errors differ by less than this per
