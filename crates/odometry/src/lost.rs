@@ -59,8 +59,7 @@ pub(crate) enum Search {
 }
 
 impl LostCamera {
-    /// Searches for the place of a frame. `last` is the last known pose, if it belongs to the map; `keyframes` receives
-    /// the keyframes on the way.
+    /// Searches for the place of a frame. `last` is the last known pose, if it belongs to the map.
     pub(crate) fn search(&mut self, map: &mut KeyframeMap, frame: &TrackedFrame<'_>, last: Option<&Pose>) -> Search {
         self.frames += 1;
         let query = Query::new(&frame.pyramid);

@@ -92,7 +92,7 @@ impl Odometry {
         motion: Option<&Pose>,
     ) -> CameraPose {
         let TrackedFrame { grey, pyramid, timestamp, .. } = frame;
-        self.made = None;
+        (self.made, self.awaits_segments) = (None, false);
         let has_size = self.keyframes.back().is_some_and(|keyframe| keyframe.frame.intrinsics == grey.intrinsics);
         let (Some(last), true) = (self.last, has_size) else {
             return self.start(grey, pyramid, initial, *timestamp);

@@ -137,6 +137,7 @@ impl TrackedPoses {
         self.odometry.next_keyframe = self.odometry.next_keyframe.max(self.map.store.next);
         let tracked = TrackedFrame::new(frame);
         let found = self.odometry.track_frame(&tracked, &Pose::IDENTITY, None);
+        self.link_to_given();
         self.add_made_keyframe(&tracked);
         found
     }
@@ -144,8 +145,20 @@ impl TrackedPoses {
     /// Makes tracking go on from the latest frame with a given pose.
     pub(crate) fn start_bridge(&mut self) {
         if let Some((frame, pose)) = self.bridge_from.take() {
+            // That frame is no keyframe of the map, so it must not have the number of one.
+            self.odometry.next_keyframe = self.odometry.next_keyframe.max(self.map.store.next);
             self.odometry.set(&frame, &pose);
             self.odometry.made = None;
+        }
+    }
+
+    /// Links the keyframe just made to the latest one of the map if it was aligned with a frame that is none.
+    fn link_to_given(&mut self) {
+        let latest = self.map.latest.and_then(|latest| self.map.store.get(latest));
+        let Some((latest, made)) = latest.zip(self.odometry.made.as_mut()) else { return };
+        if let Some(link) = made.link.as_mut().filter(|link| self.map.store.get(link.from).is_none()) {
+            link.from = latest.id;
+            link.measured = latest.world_from_key.inverse() * made.world_from_key;
         }
     }
 

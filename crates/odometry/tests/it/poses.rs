@@ -3,11 +3,13 @@
 use crate::scene;
 use crate::scene::{corner, error, path, render};
 use glam::DVec3;
+use splatseg_files::StateBlock;
 use splatseg_geometry::{CameraFrame, Pose, SegmentMap};
 use splatseg_odometry::{
     CameraPose, DoubtKind, GivenPoses, MethodFindings, Odometry, PoseInput, PoseMode, PoseSource, PoseState,
     StateScope, TrackedPoses,
 };
+use std::collections::{BTreeMap, BTreeSet};
 
 fn pose(source: &mut dyn PoseSource, number: usize, given: Option<Pose>) -> CameraPose {
     source.pose(&render(&corner(), &path(number as f64)), PoseInput::new(number, given.as_ref())).unwrap().pose
@@ -24,6 +26,31 @@ fn frames_without_a_pose_are_tracked_from_the_last_given_one() {
         assert_eq!(found.state, if is_given { PoseState::Given } else { PoseState::Tracked });
         assert!(error(&found.world_from_camera, &truth).0 < 0.004, "frame {number}");
     }
+}
+
+#[test]
+fn keyframes_of_frames_without_a_pose_are_linked_to_the_right_ones() {
+    let mut source = TrackedPoses::new(PoseMode::Auto);
+    // Two gaps, each longer than a keyframe lasts.
+    for number in 0..150 {
+        let is_given = !(40..80).contains(&number) && !(100..140).contains(&number);
+        pose(&mut source, number, is_given.then_some(path(number as f64)));
+    }
+    let block = StateBlock::from_bytes(&source.save(StateScope::Map).unwrap()).unwrap();
+    let poses: Vec<f64> = block.get("world_from_camera", &[4, 4]).unwrap();
+    let poses: Vec<Pose> =
+        poses.chunks_exact(16).map(|rows| Pose::from_row_major(rows.try_into().unwrap()).unwrap()).collect();
+    let ids: Vec<u32> = block.get("id", &[]).unwrap();
+    let world_from: BTreeMap<u32, Pose> = ids.into_iter().zip(poses).collect();
+    let edges: Vec<[u32; 2]> = block.get_tuples("edges").unwrap();
+    let measured: Vec<f64> = block.get("edge_pose", &[4, 4]).unwrap();
+    for ([from, to], measured) in edges.iter().zip(measured.chunks_exact(16)) {
+        let measured = Pose::from_row_major(measured.try_into().unwrap()).unwrap();
+        let (metres, radians) = error(&measured, &(world_from[from].inverse() * world_from[to]));
+        assert!(metres < 0.01 && radians < 0.01, "{from} to {to}: {metres} m, {radians} rad");
+    }
+    let linked: BTreeSet<u32> = edges.iter().map(|[_, to]| *to).collect();
+    assert_eq!(linked.len() + 1, world_from.len(), "each keyframe but the first is linked to one before it");
 }
 
 #[test]
@@ -159,4 +186,20 @@ fn poses_do_not_depend_on_the_number_of_threads() {
         })
     };
     assert_eq!(poses(1), poses(3));
+}
+
+#[test]
+fn segments_of_a_frame_that_became_no_keyframe_belong_to_none() {
+    let states = [false, true].map(|is_told| {
+        let mut source = TrackedPoses::new(PoseMode::Track);
+        // The segmenter has failed in the first frame, which became a keyframe.
+        pose(&mut source, 0, None);
+        pose(&mut source, 1, None);
+        let segments = SegmentMap::filled(scene::CAMERA.width, scene::CAMERA.height, 3);
+        if is_told {
+            source.receive(MethodFindings { remapped: &[], segments: Some(&segments) });
+        }
+        source.save(StateScope::Run).unwrap()
+    });
+    assert!(states[0] == states[1]);
 }
