@@ -4,7 +4,7 @@ use crate::{MapSegments, MapView, PatchSize, SegmentId, SurfaceKind};
 use glam::{DVec3, Vec3};
 use std::collections::BTreeSet;
 
-/// A copy of what a [`MapView`] shows, 35 bytes per Gaussian. [`Self::view`] reads it as the map.
+/// A copy of what a [`MapView`] shows, 36 bytes per Gaussian. [`Self::view`] reads it as the map.
 #[derive(Clone, Debug)]
 pub struct MapCopy {
     origin: DVec3,

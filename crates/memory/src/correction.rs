@@ -95,14 +95,24 @@ pub(crate) fn same_objects(
     };
     let mut found: Vec<Overlap> = overlaps.into_iter().filter_map(is_same).collect();
     found.sort_by(|one, other| other.area.total_cmp(&one.area).then(one.ids.cmp(&other.ids)));
-    // Each id takes part once; what is left over is found at the next correction.
+    one_to_one(found.into_iter().map(|overlap| overlap.ids))
+}
+
+/// The pairs, best first, whose ids are in no better pair.
+fn one_to_one(pairs: impl Iterator<Item = RemappedId>) -> Vec<RemappedId> {
     let mut used = BTreeSet::new();
-    found.retain(|Overlap { ids, .. }| used.insert(ids.from) && used.insert(ids.into));
-    found.into_iter().map(|overlap| overlap.ids).collect()
+    let is_free = |ids: &RemappedId| {
+        let is_free = !used.contains(&ids.from) && !used.contains(&ids.into);
+        if is_free {
+            used.extend([ids.from, ids.into]);
+        }
+        is_free
+    };
+    pairs.filter(is_free).collect()
 }
 
 /// The ids of a frame whose pose was unknown that a later frame shows as other ids. `without_pose` and `shown` are
-/// `[height, width]`, 0 for none; ids in `mapped` have Gaussians and stay.
+/// `[height, width]`, 0 for none; ids in `mapped` have Gaussians and stay, as do those that the later frame shows, too.
 pub(crate) fn recognised(
     without_pose: &SegmentMap,
     shown: &SegmentMap,
@@ -119,14 +129,12 @@ pub(crate) fn recognised(
     };
     let mut same: Vec<_> = overlaps
         .into_iter()
-        .filter(|((from, into), _)| *from != 0 && *into != 0 && from != into && !mapped.contains(from))
+        .filter(|((from, into), _)| *from != 0 && *into != 0 && !of_shown.contains_key(from) && !mapped.contains(from))
         .filter(|overlap| iou(overlap) >= MIN_IOU_OF_FRAMES)
         .filter(|((from, into), _)| !co_visible.contains(*from, *into))
         .collect();
     same.sort_by(|one, other| iou(other).total_cmp(&iou(one)).then(one.cmp(other)));
-    let (mut from_used, mut into_used) = (BTreeSet::new(), BTreeSet::new());
-    same.retain(|((from, into), _)| !from_used.contains(from) && into_used.insert(*into) && from_used.insert(*from));
-    same.into_iter().map(|((from, into), _)| RemappedId { from, into }).collect()
+    one_to_one(same.into_iter().map(|((from, into), _)| RemappedId { from, into }))
 }
 
 /// Adds later Gaussians to the earlier ones on the same surface. Returns the Gaussians that remain.
@@ -143,4 +151,16 @@ pub(crate) fn merge_doubles(map: &mut SplatMap, store: &mut dyn SegmentStore, do
         }
     }
     keep
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_id_of_a_refused_pair_is_free_for_the_next_one() {
+        let pair = |(from, into)| RemappedId { from, into };
+        let pairs = [(11, 1), (12, 1), (12, 2), (13, 12), (14, 3)].map(pair);
+        assert_eq!(one_to_one(pairs.into_iter()), [(11, 1), (12, 2), (14, 3)].map(pair));
+    }
 }

@@ -112,7 +112,7 @@ fn append(
     memory.patches.append(later.patches);
     memory.co_visible.append(&later.co_visible, names);
     memory.frames = memory.frames.saturating_add(later.frames);
-    // Of the last frames of which run?
+    // Two runs have no common previous frame.
     memory.recent = RecentFrames::default();
     Ok(())
 }

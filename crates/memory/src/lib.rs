@@ -59,7 +59,7 @@ pub use ply::{SavedCodes, SavedMemorySettings};
 pub use ply::{SplatContent, SplatContentView, SplatFile, SplatFileError, SplatFileView};
 pub use recall::{Recall, StoreTile};
 pub use replaced::Replacements;
-pub use segment_store::{LearningExtent, SegmentStore, Verdict};
+pub use segment_store::{LearningStats, SegmentStore, Verdict};
 pub use segments::SegmentHold;
 pub use settings::{GrowthRule, MemorySettings};
 pub use splat_memory::{FrameUpdate, SplatMemory};

@@ -10,7 +10,7 @@ pub(crate) const RADIUS_PER_SPACING: f32 = 0.6;
 /// Attributes of the Gaussians that both kinds of memory need. Every array has one entry per Gaussian.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SplatMap {
-    /// Centres and radii, world coordinates, metres.
+    /// Centres, relative to the origin of the map, and radii, metres.
     pub balls: Balls,
     /// sRGB.
     pub colors: Vec<[u8; 3]>,
@@ -30,7 +30,7 @@ pub struct SplatMap {
 pub struct NewGaussian {
     /// Row-major index of the pixel, or of one pixel of the block.
     pub pixel: usize,
-    /// Back-projected point, world coordinates, metres.
+    /// Back-projected point, relative to the origin of the map, metres.
     pub mean: Vec3,
     /// Standard deviation in every direction, metres.
     pub radius: f32,

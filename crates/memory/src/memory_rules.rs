@@ -31,7 +31,7 @@ pub struct MemoryRules {
     /// long.
     pub counts_ids_per_frame: bool,
     /// True if methods ignore and contradict predictions by `min_match_f_score`, `min_visible_fraction`,
-    /// `min_new_fraction` and `memory.compare_colors`, which the paper does not.
+    /// `min_new_fraction`, `regions_decide` and `memory.compare_colors`, and a run has a final pass, which the paper has not.
     pub judges_predictions: bool,
     /// Largest id that can be remembered.
     pub largest_id: SegmentId,

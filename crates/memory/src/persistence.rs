@@ -27,20 +27,23 @@ pub struct Attached<'a> {
 /// Writes a memory to a PLY file: see [`SplatMemory::save_with`].
 pub(crate) fn save(memory: &SplatMemory, path: &Path, attached: Attached<'_>) -> Result<(), SplatFileError> {
     let no_format = || SplatFileError::NoFormat { path: path.to_owned() };
-    let content = memory.store.content().ok_or_else(no_format)?;
+    // What was decided counts as votes, as the map shows it; the memory itself stays as it is.
+    let verdicts = memory.patches.verdicts();
+    let content = memory.store.content_with(&verdicts).ok_or_else(no_format)?;
     let attached_block = |bytes: Option<&[u8]>| {
         let block = bytes.map_or(Ok(StateBlock::default()), StateBlock::from_bytes);
         block.map_err(|error| SplatFileError::State { path: path.to_owned(), found: error.to_string() })
     };
-    let segment_ids = memory.store.segment_ids();
-    let live = memory.segments.saved_live();
+    let segment_ids = memory.store.segment_ids_with(&verdicts);
+    let segments = memory.segments.with_shown(verdicts.iter().map(|verdict| verdict.id));
+    let live = segments.saved_live();
     let ids: Vec<SegmentId> = live.iter().map(|segment| segment.id).collect();
     let sightings: Vec<u32> = live.iter().map(|segment| segment.sightings).collect();
     let carried: Vec<bool> = live.iter().map(|segment| segment.carried).collect();
     let is_observed = memory.map.surfaces.iter().all(|surface| *surface == SurfaceKind::Observed);
     let (together, crowded) = memory.co_visible.saved();
     let saved_state = SavedState {
-        ids: memory.segments.saved_ids(),
+        ids: segments.saved_ids(),
         patches: memory.patches.saved(),
         recent: memory.recent.saved(),
         anchors: runs(&memory.map.anchors),

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// How much learning a frame changed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LearningExtent {
+pub struct LearningStats {
     /// Pixels in the loss.
     pub active_pixels: usize,
     /// Gaussians whose features could change.
@@ -81,7 +81,7 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
         map: &dyn Splats,
         predicted: &SegmentMap,
         contradicted: &BTreeSet<SegmentId>,
-    ) -> LearningExtent;
+    ) -> LearningStats;
 
     /// Keeps the Gaussians for which `keep` is true, in their order.
     fn retain(&mut self, keep: &[bool]);
@@ -101,16 +101,25 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
         self.segment_ids()
     }
 
-    /// Returns how undisputed each entry of [`segment_ids`](Self::segment_ids) is: the share, 0 to 1, of the Gaussian's
-    /// votes that are for the segment. The default returns `None`, for a kind of memory without a second opinion.
-    fn segment_shares(&self) -> Option<Vec<f32>> {
+    /// Returns how undisputed each entry of [`segment_ids_with`](Self::segment_ids_with) is: the share, 0 to 1, of the
+    /// Gaussian's votes that are for the segment. The default returns `None`, for a kind of memory without a second opinion.
+    fn segment_shares(&self, _verdicts: &[Verdict]) -> Option<Vec<f32>> {
         None
     }
 
-    /// Returns how often each Gaussian was seen as its entry of [`segment_ids`](Self::segment_ids), in frames, up to a
-    /// maximum. The default returns `None`, for a kind of memory that does not count.
-    fn segment_votes(&self) -> Option<Vec<f32>> {
+    /// Returns how often each Gaussian was seen as its entry of [`segment_ids_with`](Self::segment_ids_with), in frames, up to
+    /// a maximum. The default returns `None`, for a kind of memory that does not count.
+    fn segment_votes(&self, _verdicts: &[Verdict]) -> Option<Vec<f32>> {
         None
+    }
+
+    /// Returns the confidence of each entry of [`segment_ids_with`](Self::segment_ids_with), see
+    /// [`MapGaussian::confidence`](splatseg_geometry::MapGaussian::confidence). The default takes it from
+    /// [`content_with`](Self::content_with).
+    fn segment_confidences(&self, verdicts: &[Verdict]) -> Option<Vec<f32>> {
+        let content = self.content_with(verdicts)?;
+        let ids = self.segment_ids_with(verdicts).into_iter().enumerate();
+        Some(ids.map(|(index, id)| content.confidence(index, id)).collect())
     }
 
     /// Returns the ids whose hold may have changed since the last call, and how Gaussians hold them now. The first call
@@ -149,5 +158,10 @@ pub trait SegmentStore: std::fmt::Debug + Send + Sync {
     /// file format.
     fn content(&self) -> Option<SplatContentView<'_>> {
         None
+    }
+
+    /// As [`content`](Self::content), with verdicts counted as votes. The default ignores them.
+    fn content_with(&self, _verdicts: &[Verdict]) -> Option<SplatContentView<'_>> {
+        self.content()
     }
 }

@@ -7,6 +7,7 @@ mod tests;
 use released::ReleasedIds;
 pub(crate) use released::SavedRelease;
 use splatseg_geometry::{MAX_16_BIT_ID, MAX_SEGMENT_ID, RemappedId, SegmentId, SegmentMap};
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Frames in which an id must be predicted to stop being tentative. Lost ids with fewer sightings are released, so an
@@ -31,7 +32,7 @@ pub enum SegmentHold {
 /// predicted in one frame at most and that the memory does not hold any more. Only if there are none does counting
 /// continue, up to a limit, and then from 1 again without the ids in use. So the size of this state is bounded by the
 /// number of ids that the memory holds.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Segments {
     /// Number of ids given out by counting, including those after counting restarted from 1.
     given: u64,
@@ -116,6 +117,16 @@ impl Segments {
             None => drop(spare),
         }
         Ok(segments)
+    }
+
+    /// As if Gaussians showed these ids, too; 0 is none.
+    pub fn with_shown(&self, shown: impl Iterator<Item = SegmentId>) -> Cow<'_, Self> {
+        let added: BTreeSet<SegmentId> = shown.filter(|id| *id != 0 && !self.is_carried(*id)).collect();
+        let mut segments = Cow::Borrowed(self);
+        for id in added {
+            segments.to_mut().revive(id).carried = true;
+        }
+        segments
     }
 
     /// Returns the live ids to be saved, in increasing order.

@@ -13,7 +13,7 @@ use crate::segment_store::SegmentStore;
 use crate::segments::{LostIds, Segments};
 use crate::tile_surface::TileSurface;
 use crate::{
-    Attached, JoinedIds, LearningExtent, LoadMemoryError, MemoryError, MemoryRules, MemorySettings, NewStore,
+    Attached, JoinedIds, LearningStats, LoadMemoryError, MemoryError, MemoryRules, MemorySettings, NewStore,
     Replacements, SegmentBelief, SplatFileError, joining, persistence, replaced,
 };
 use glam::DVec3;
@@ -82,7 +82,7 @@ pub struct FrameUpdate {
     /// [`SplatMemory::remap_recognised`].
     pub remapped: Vec<RemappedId>,
     /// Extent of the learning.
-    pub learning: LearningExtent,
+    pub learning: LearningStats,
 }
 
 impl SplatMemory {
@@ -339,6 +339,7 @@ impl SplatMemory {
     pub fn keep_verdicts(&mut self) {
         self.store.count_verdicts(&self.patches.verdicts());
         self.patches.forget_verdicts();
+        // No frame is told of ids that are forgotten now: they are in the results of frames, and in no object.
         self.release_ids(false);
     }
 
@@ -708,17 +709,15 @@ impl MapSegments for SplatMemory {
     }
 
     fn segment_shares(&self) -> Option<Vec<f32>> {
-        self.store.segment_shares()
+        self.store.segment_shares(&self.patches.verdicts())
     }
 
     fn segment_votes(&self) -> Option<Vec<f32>> {
-        self.store.segment_votes()
+        self.store.segment_votes(&self.patches.verdicts())
     }
 
     fn segment_confidences(&self) -> Option<Vec<f32>> {
-        let content = self.store.content()?;
-        let ids = self.store.segment_ids().into_iter().enumerate();
-        Some(ids.map(|(index, id)| content.confidence(index, id)).collect())
+        self.store.segment_confidences(&self.patches.verdicts())
     }
 
     fn is_tentative(&self, id: SegmentId) -> bool {
@@ -726,11 +725,14 @@ impl MapSegments for SplatMemory {
     }
 
     fn is_carried(&self, id: SegmentId) -> bool {
-        self.segments.is_carried(id)
+        match self.patches.is_decided() {
+            true => self.carried_ids().contains(&id),
+            false => self.segments.is_carried(id),
+        }
     }
 
     fn carried_ids(&self) -> BTreeSet<SegmentId> {
-        let mut carried = distinct(&self.store.segment_ids());
+        let mut carried = distinct(&self.segment_ids());
         carried.extend(self.recent.held_ids());
         carried
     }

@@ -19,7 +19,7 @@ pub use votes::Votes;
 use crate::map::{NewGaussian, retain};
 use crate::ply::SplatContentView;
 use crate::recall::{Recall, StoreTile};
-use crate::segment_store::{LearningExtent, SegmentStore};
+use crate::segment_store::{LearningStats, SegmentStore};
 use crate::settings::COVERED;
 use crate::tile_surface::{RUN, SurfaceDepths, TileSurface, any, cut, run, run_mut};
 use crate::{MemoryError, MemorySettings, SegmentHold, Verdict};
@@ -28,6 +28,7 @@ use rayon::prelude::*;
 use splatseg_geometry::{SegmentId, SegmentMap};
 use splatseg_kernels::{Instructions, Vectorize};
 use splatseg_render::{Splats, TileWeights};
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use voting::FrameVotes;
 
@@ -35,7 +36,7 @@ const PIXELS: usize = TileWeights::PIXELS;
 
 /// If less light than this comes through Gaussians in front of the observed surface, evidence behind them is
 /// unreliable: the correction for that light divides by at least this.
-const MIN_LIGHT: f32 = 0.05;
+const MIN_TRANSMITTANCE: f32 = 0.05;
 
 /// A second opinion with less evidence, relative to one vote for a contradicted mask, is what is left of a thing that was
 /// there.
@@ -100,6 +101,11 @@ impl EvidenceStore {
             votes.cap(self.settings.max_votes);
         }
         votes
+    }
+
+    /// [`Self::votes_with`] of all Gaussians.
+    fn all_with(&self, verdicts: &[Verdict]) -> impl Iterator<Item = Votes> {
+        (0..self.votes.len()).map(|gaussian| self.votes_with(verdicts, gaussian))
     }
 
     /// Returns `E_p(id)` of a tile: the ids, and their evidence `[ids, 16, 16]`.
@@ -172,7 +178,7 @@ impl Vectorize for SumEvidence<'_> {
         if light.iter().any(|light| *light < 1.0) {
             for pixels in evidence.as_chunks_mut::<PIXELS>().0 {
                 for (evidence, light) in pixels.iter_mut().zip(&light) {
-                    *evidence /= light.max(MIN_LIGHT);
+                    *evidence /= light.max(MIN_TRANSMITTANCE);
                 }
             }
         }
@@ -275,12 +281,12 @@ impl SegmentStore for EvidenceStore {
         _: &dyn Splats,
         predicted: &SegmentMap,
         contradicted: &BTreeSet<SegmentId>,
-    ) -> LearningExtent {
+    ) -> LearningStats {
         let (weights, depth) = (recall.view.weights(), recall.frame.depth());
         let frame = FrameVotes::count(weights, predicted, depth, &self.settings, self.votes.len());
         let (active_gaussians, changes) = frame.apply(&mut self.votes, contradicted, &self.settings);
         self.census.apply(changes);
-        LearningExtent { active_pixels: predicted.pixels().len(), active_gaussians }
+        LearningStats { active_pixels: predicted.pixels().len(), active_gaussians }
     }
 
     fn retain(&mut self, keep: &[bool]) {
@@ -333,7 +339,7 @@ impl SegmentStore for EvidenceStore {
         let mut changes = CensusChanges::default();
         votes.iter().for_each(|votes| changes.add(votes));
         self.census.apply(changes);
-        self.votes.extend_from_slice(votes);
+        self.votes.extend_from_slice(&votes);
         true
     }
 
@@ -346,16 +352,15 @@ impl SegmentStore for EvidenceStore {
     }
 
     fn segment_ids_with(&self, verdicts: &[Verdict]) -> Vec<SegmentId> {
-        (0..self.votes.len()).map(|gaussian| self.votes_with(verdicts, gaussian).winner()).collect()
+        self.all_with(verdicts).map(|votes| votes.winner()).collect()
     }
 
-    fn segment_shares(&self) -> Option<Vec<f32>> {
-        let share = |votes: &Votes| votes.share(votes.winner());
-        Some(self.votes.iter().map(share).collect())
+    fn segment_shares(&self, verdicts: &[Verdict]) -> Option<Vec<f32>> {
+        Some(self.all_with(verdicts).map(|votes| votes.share(votes.winner())).collect())
     }
 
-    fn segment_votes(&self) -> Option<Vec<f32>> {
-        Some(self.votes.iter().map(Votes::most).collect())
+    fn segment_votes(&self, verdicts: &[Verdict]) -> Option<Vec<f32>> {
+        Some(self.all_with(verdicts).map(|votes| votes.most()).collect())
     }
 
     fn changed_holds(&mut self) -> Option<Vec<(SegmentId, SegmentHold)>> {
@@ -367,6 +372,13 @@ impl SegmentStore for EvidenceStore {
     }
 
     fn content(&self) -> Option<SplatContentView<'_>> {
-        Some(SplatContentView::Evidence { votes: &self.votes })
+        Some(SplatContentView::Evidence { votes: Cow::Borrowed(&self.votes) })
+    }
+
+    fn content_with(&self, verdicts: &[Verdict]) -> Option<SplatContentView<'_>> {
+        match verdicts {
+            [] => self.content(),
+            _ => Some(SplatContentView::Evidence { votes: self.all_with(verdicts).collect() }),
+        }
     }
 }

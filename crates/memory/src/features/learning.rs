@@ -9,7 +9,7 @@
 
 use super::loss::{Loss, padded};
 use crate::recall::Recall;
-use crate::segment_store::LearningExtent;
+use crate::segment_store::LearningStats;
 use crate::{Codebook, MemorySettings, SegmentBelief};
 use rayon::prelude::*;
 use splatseg_geometry::Image;
@@ -33,7 +33,7 @@ pub(crate) struct Learning<'a> {
 impl Learning<'_> {
     /// Performs `num_steps` descent steps on `features` `[gaussians, D]`. `active` contains the weights of
     /// [`Self::active_pixels`].
-    pub fn descend(&self, active: &ActiveWeights, features: &mut [f32]) -> LearningExtent {
+    pub fn descend(&self, active: &ActiveWeights, features: &mut [f32]) -> LearningStats {
         let feature_dim = self.codebook.feature_dim();
         let row = padded(feature_dim);
         let loss = Loss::new(self.settings, self.codebook, self.target);
@@ -51,7 +51,7 @@ impl Learning<'_> {
         for (gaussian, copy) in active.gaussians().iter().zip(moved.chunks_exact(row)) {
             features[*gaussian as usize * feature_dim..][..feature_dim].copy_from_slice(&copy[..feature_dim]);
         }
-        LearningExtent {
+        LearningStats {
             active_pixels: active.tiles().iter().map(|tile| tile.pixels.len()).sum(),
             active_gaussians: active.gaussians().len(),
         }

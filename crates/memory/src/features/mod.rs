@@ -18,7 +18,7 @@ pub use codes::SegmentCodes;
 use crate::map::NewGaussian;
 use crate::ply::SplatContentView;
 use crate::recall::{Recall, StoreTile};
-use crate::segment_store::{LearningExtent, SegmentStore};
+use crate::segment_store::{LearningStats, SegmentStore};
 use crate::tile_surface::TileSurface;
 use crate::{GrowthRule, MemoryError, MemoryRules, MemorySettings, SegmentBelief};
 use codebook::CodebookCache;
@@ -155,7 +155,7 @@ impl SegmentStore for FeatureStore {
         map: &dyn Splats,
         predicted: &SegmentMap,
         _: &BTreeSet<SegmentId>,
-    ) -> LearningExtent {
+    ) -> LearningStats {
         let target = target(&recall.belief, predicted, &self.settings);
         let learning = Learning { settings: &self.settings, codebook: self.codes.codebook(), recall, target: &target };
         let min_weight = self.settings.learning_min_weight;

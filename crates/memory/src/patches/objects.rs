@@ -83,6 +83,11 @@ impl PatchGraph {
         self.of_gaussians.iter().map(|patch| verdict(patch).unwrap_or_default()).collect()
     }
 
+    /// True if there are verdicts that votes do not contain.
+    pub fn is_decided(&self) -> bool {
+        self.is_decided
+    }
+
     /// Forgets what was decided, because the votes of Gaussians contain it.
     pub fn forget_verdicts(&mut self) {
         self.patches.iter_mut().for_each(|patch| patch.object = 0);

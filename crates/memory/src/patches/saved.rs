@@ -94,7 +94,8 @@ impl PatchGraph {
         }
         let known = graph.of_gaussians.iter().filter(|patch| **patch != NO_PATCH);
         let count = known.clone().max().map_or(0, |last| *last as usize + 1);
-        if count > gaussians {
+        // A map that has lost Gaussians may have more numbers of patches than Gaussians.
+        if count > gaussians.max(saved.frames.len()) {
             return Err(format!("the patch {} of a map of {gaussians} Gaussians", count - 1));
         }
         graph.patches = vec![Patch::default(); count];
@@ -110,6 +111,9 @@ impl PatchGraph {
         for [number, id, pixels] in saved.ids {
             if !is_used(&graph.patches, number) || id == 0 || id > highest {
                 return Err(format!("the patch {number} was predicted as {id}: one of them does not exist"));
+            }
+            if pixels == 0 {
+                return Err(format!("the patch {number} was predicted as {id} by no pixel"));
             }
             let patch = &mut graph.patches[number as usize];
             if patch.pixels_of_ids.len() == IDS_PER_PATCH

@@ -152,6 +152,7 @@ fn saved_patches_are_restored() {
     assert_eq!(error(|saved| saved.of_gaussians[0] = 1 << 31), "the patch 2147483648 of a map of 7 Gaussians");
     let message = error(|saved| saved.ids[0] = [0, 10, 1]);
     assert_eq!(message, "the patch 0 was predicted as 10: one of them does not exist");
+    assert_eq!(error(|saved| saved.ids[0][2] = 0), "the patch 0 was predicted as 1 by no pixel");
     let message = error(|saved| saved.ids[1] = [0, 1, 1]);
     assert_eq!(message, "the ids of the patch 0 are too many, or do not increase");
     let message = error(|saved| saved.sums[0] = i32::MIN);

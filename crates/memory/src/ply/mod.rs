@@ -206,8 +206,8 @@ pub struct SplatFileView<'a> {
 pub enum SplatContentView<'a> {
     /// A memory of [`MemoryKind::Evidence`].
     Evidence {
-        /// `[N]`.
-        votes: &'a [Votes],
+        /// `[N]`. Owned if they are made to be saved.
+        votes: Cow<'a, [Votes]>,
     },
     /// A memory of [`MemoryKind::Features`].
     Features {
@@ -236,7 +236,7 @@ impl SplatContent {
     /// Borrows the content.
     pub fn view(&self) -> SplatContentView<'_> {
         match self {
-            Self::Evidence { votes } => SplatContentView::Evidence { votes },
+            Self::Evidence { votes } => SplatContentView::Evidence { votes: Cow::Borrowed(votes) },
             Self::Features { features, codebook } => SplatContentView::Features { features, codebook },
             Self::Arrays { arrays } => SplatContentView::Arrays { arrays: Cow::Borrowed(arrays) },
         }

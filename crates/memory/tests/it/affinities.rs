@@ -132,6 +132,53 @@ fn what_is_decided_between_frames_is_shown_and_changes_no_votes() {
 }
 
 #[test]
+fn everything_that_the_map_tells_follows_what_is_decided_between_frames() {
+    let mut memory = memory();
+    see(&mut memory, Pose::IDENTITY, (1, 2), 4.0, 60);
+    // Votes are of the last frames: 2 is only in the evidence.
+    see(&mut memory, Pose::IDENTITY, (1, 3), 4.0, 20);
+    assert!(!memory.map().carried_ids().contains(&2));
+    memory.decide_objects(80);
+    let told = |memory: &SplatMemory| {
+        let map = memory.map();
+        let confidences = map.segments.segment_confidences().unwrap();
+        (map.segment_ids(), map.segment_shares(), map.segment_votes(), confidences, map.carried_ids())
+    };
+    let decided = told(&memory);
+    let shown: BTreeSet<SegmentId> = decided.0.iter().copied().filter(|id| *id != 0).collect();
+    assert_eq!(shown, BTreeSet::from([1, 2]));
+    assert!(shown.is_subset(&decided.4) && shown.iter().all(|id| memory.map().is_carried(*id)), "{:?}", decided.4);
+
+    // A file has what the map shows, and the memory goes on as if it had not been written.
+    let file = tempfile::NamedTempFile::new().unwrap();
+    memory.save(file.path()).unwrap();
+    assert_eq!(told(&memory), decided);
+    let loaded = SplatMemory::load(file.path(), MemorySettings::default()).unwrap();
+    assert_eq!(loaded.map().segment_ids(), decided.0);
+    assert!(loaded.map().is_carried(2));
+    memory.keep_verdicts();
+    assert_eq!(told(&memory).0, decided.0);
+    assert_eq!(told(&memory).1, decided.1, "the same votes count");
+}
+
+#[test]
+fn a_map_that_has_lost_most_gaussians_is_saved_and_loaded() {
+    let mut memory = memory();
+    let pose = |step: u32| Pose::from_translation(DVec3::new(2.0 * f64::from(step), 0.0, 0.0));
+    (0..6).for_each(|step| see(&mut memory, pose(step), (1, 2), 4.0, 1));
+    let file = tempfile::NamedTempFile::new().unwrap();
+    memory.save(file.path()).unwrap();
+    // Of a smaller map, what was seen last stays: patches with large numbers.
+    let small = MemorySettings::default().with(|settings| settings.max_gaussians = 60);
+    let mut memory = SplatMemory::load(file.path(), small.clone()).unwrap();
+    see(&mut memory, pose(5), (1, 2), 4.0, 1);
+    assert!(memory.gaussian_count() <= 60);
+    memory.save(file.path()).unwrap();
+    let loaded = SplatMemory::load(file.path(), small).unwrap();
+    assert_eq!(loaded.map().segment_ids(), memory.map().segment_ids());
+}
+
+#[test]
 fn objects_keep_the_ids_that_were_decided() {
     let mut memory = memory();
     see(&mut memory, Pose::IDENTITY, (1, 2), 4.0, 12);

@@ -4,9 +4,7 @@ use glam::{Mat4, Vec3};
 use proptest::prelude::*;
 use splatseg_files::StateBlock;
 use splatseg_geometry::{Image, Pose, RgbdFrame, SegmentMap};
-use splatseg_memory::{
-    GrowthRule, LearningExtent, LoadMemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory,
-};
+use splatseg_memory::{GrowthRule, LearningStats, LoadMemoryError, MemoryKind, MemorySettings, SplatFile, SplatMemory};
 use splatseg_test_scenes::camera;
 use std::collections::BTreeSet;
 use std::fs;
@@ -61,7 +59,7 @@ struct Outcome {
     grown: usize,
     removed: usize,
     forgotten: Vec<u32>,
-    learning: LearningExtent,
+    learning: LearningStats,
 }
 
 fn take_in(memory: &mut SplatMemory, frames: std::ops::Range<usize>) -> Vec<Outcome> {

@@ -225,3 +225,14 @@ fn ids_of_frames_without_a_pose_turn_out_to_be_those_of_the_map() {
     assert_eq!(memory.remapped_ids().len(), 2);
     assert!(memory.remap_recognised(&stripes(&[1, 2, 6])).is_empty());
 }
+
+#[test]
+fn two_things_in_one_frame_stay_two_though_one_mask_showed_both_before() {
+    let mut memory = SplatMemory::new(MemorySettings::default(), 0, &mut |_| {}).unwrap();
+    new_ids(&mut memory, 4);
+    let without_pose = stripes(&[1, 2, 2]);
+    memory.record_without_pose(&without_pose).unwrap();
+    memory.record_shown(&without_pose);
+    let remapped = memory.remap_recognised(&stripes(&[3, 4, 2]));
+    assert_eq!(pairs(&remapped), [(1, 3)], "the frame shows 2 beside 4");
+}

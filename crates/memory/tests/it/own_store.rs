@@ -4,7 +4,7 @@ use glam::{Mat4, Vec3};
 use splatseg_files::StateBlock;
 use splatseg_geometry::{Pose, RgbdFrame, SegmentId, SegmentMap};
 use splatseg_memory::{
-    LearningExtent, LoadMemoryError, MemoryError, MemoryKind, MemoryKindDefinition, MemoryRules, MemorySettings,
+    LearningStats, LoadMemoryError, MemoryError, MemoryKind, MemoryKindDefinition, MemoryRules, MemorySettings,
     NewGaussian, Recall, RegisterKindError, SavedMemorySettings, SegmentStore, SplatContent, SplatContentView,
     SplatFile, SplatFileError, SplatMemory, StoreTile, TileSurface, Votes, register_memory_kind,
 };
@@ -109,7 +109,7 @@ impl SegmentStore for LastSeen {
         _: &dyn Splats,
         predicted: &SegmentMap,
         _: &BTreeSet<SegmentId>,
-    ) -> LearningExtent {
+    ) -> LearningStats {
         for tile in recall.view().weights().tiles() {
             let (left, top) = tile.origin();
             for (pixel, winner) in winners(tile).into_iter().enumerate() {
@@ -121,7 +121,7 @@ impl SegmentStore for LastSeen {
                 }
             }
         }
-        LearningExtent::default()
+        LearningStats::default()
     }
 
     fn retain(&mut self, keep: &[bool]) {
@@ -147,7 +147,7 @@ impl SegmentStore for LastSeen {
     fn content(&self) -> Option<SplatContentView<'_>> {
         match self.form {
             Form::Nothing => None,
-            Form::Votes => Some(SplatContentView::Evidence { votes: &self.votes }),
+            Form::Votes => Some(SplatContentView::Evidence { votes: Cow::Borrowed(&self.votes) }),
             Form::Arrays => {
                 let mut arrays = StateBlock::default();
                 arrays.put("last_ids", &[], self.segment_ids());

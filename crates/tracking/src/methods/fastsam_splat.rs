@@ -23,7 +23,7 @@ settings! {
         /// Show objects before they are predicted in a second frame. The paper shows all.
         show_tentative: bool = true, Allowed::Switch;
         /// A prediction and a remembered segment match only if their F-score is at least this, over the pixels with an
-        /// expected segment.
+        /// expected segment and those of new surfaces in front of the map's.
         min_match_f_score: f64 = 0.1, Allowed::between(0.0, 1.0), only "memory.kind = evidence";
         /// A prediction is ignored if smaller ones leave less than this fraction of it visible: it is a rim around
         /// other predictions of the same object.
