@@ -25,12 +25,13 @@ pub struct AtomicFile {
 }
 
 impl AtomicFile {
-    /// Starts a file with the destination `path`. Its folder must exist.
+    /// Starts a file with the destination `path`. Its folder must exist. If `path` is a link to a file, that file is the
+    /// destination. If there is a file, the new one gets its permissions.
     ///
     /// # Errors
     /// If no file can be created in that folder.
     pub fn create(path: impl Into<PathBuf>) -> Result<Self> {
-        let path = path.into();
+        let path = linked(path.into());
         let prefix = temporary_prefix(&path);
         let mut builder = tempfile::Builder::new();
         builder.prefix(&prefix).rand_bytes(RANDOM_CHARS);
@@ -38,6 +39,10 @@ impl AtomicFile {
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         let (file, temporary) = builder.tempfile_in(folder_of(&path))?.into_parts();
+        // A file that only its owner may read stays so. Some file systems have no permissions.
+        if let Ok(replaced) = std::fs::metadata(&path) {
+            let _ = file.set_permissions(replaced.permissions());
+        }
         // Some network file systems have no locks. What a killed program leaves there stays.
         let _ = file.try_lock();
         Ok(Self { file: BufWriter::new(file), temporary, path })
@@ -119,6 +124,7 @@ pub fn write_unsynced(path: &Path, bytes: &[u8]) -> Result<()> {
 /// Removes what killed programs have left of writing to `path`: temporary files for it that nobody has open. Returns how
 /// many were removed. What cannot be removed stays.
 pub fn remove_leftovers(path: &Path) -> usize {
+    let path = &linked(path.to_owned());
     let prefix = temporary_prefix(path);
     let is_leftover = |name: &OsStr| {
         let random = name.to_str().and_then(|name| name.strip_prefix(&prefix));
@@ -168,6 +174,13 @@ fn ignore_unsupported(result: Result<()>) -> Result<()> {
         Err(error) if matches!(error.kind(), ErrorKind::InvalidInput | ErrorKind::Unsupported) => Ok(()),
         result => result,
     }
+}
+
+/// The file that a link names, if `path` is one.
+fn linked(path: PathBuf) -> PathBuf {
+    let is_link = path.symlink_metadata().is_ok_and(|metadata| metadata.is_symlink());
+    // Of a link to nothing, the link itself is replaced.
+    if is_link { path.canonicalize().unwrap_or(path) } else { path }
 }
 
 fn folder_of(path: &Path) -> &Path {
@@ -235,6 +248,31 @@ mod tests {
         fs::write(&plain, b"").unwrap();
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
         assert_eq!(mode(&ours), mode(&plain));
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_linked_file_is_replaced_where_it_is_and_keeps_its_permissions() {
+        use std::os::unix::fs::{PermissionsExt, symlink};
+        let folder = tempfile::tempdir().unwrap();
+        let (real, link) = (folder.path().join("real/map.ply"), folder.path().join("map.ply"));
+        fs::create_dir(folder.path().join("real")).unwrap();
+        fs::write(&real, b"old").unwrap();
+        fs::set_permissions(&real, PermissionsExt::from_mode(0o600)).unwrap();
+        symlink("real/map.ply", &link).unwrap();
+        write_atomically(&link, b"new").unwrap();
+        assert_eq!(fs::read(&real).unwrap(), b"new");
+        assert!(link.symlink_metadata().unwrap().is_symlink());
+        assert_eq!(fs::metadata(&real).unwrap().permissions().mode() & 0o777, 0o600);
+        assert_eq!(names(&folder.path().join("real")), ["map.ply"]);
+        let left = folder.path().join("real/.writing-map.ply-aB3dE6");
+        fs::write(&left, b"part").unwrap();
+        assert_eq!(remove_leftovers(&link), 1);
+
+        let nowhere = folder.path().join("nowhere");
+        symlink("missing/file", &nowhere).unwrap();
+        write_atomically(&nowhere, b"text").unwrap();
+        assert!(fs::symlink_metadata(&nowhere).unwrap().is_file());
     }
 
     #[test]
