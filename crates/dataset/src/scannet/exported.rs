@@ -158,7 +158,9 @@ impl Scene for ScannetScene {
         let file = entry(&self.frames, index, &self.name)?;
         let Some(source) = &self.labels else { return Ok(None) };
         let Some((path, labels)) = source.read(&file.stem)? else { return Ok(None) };
-        let depth = depth_size(&self.depth_path(file))?;
+        // That of another frame if this frame's image is damaged: the labels are good.
+        let others = || self.frames.iter().find_map(|other| depth_size(&self.depth_path(other)).ok());
+        let depth = depth_size(&self.depth_path(file)).or_else(|error| others().ok_or(error))?;
         self.cameras.labels_at_depth(labels, &path, depth, || image_size(&file.path, COLOR_IMAGE)).map(Some)
     }
 

@@ -41,6 +41,18 @@ fn colour_and_labels_of_another_size_are_brought_to_the_depth_camera() {
 }
 
 #[test]
+fn labels_of_a_frame_whose_depth_is_damaged_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 2, &SAME);
+    std::fs::write(folder.path().join("depth/1.png"), b"").unwrap();
+    let scene = ScannetScene::open(folder.path(), &DatasetSettings::default()).unwrap();
+    assert!(scene.read_frame(1).is_err());
+    assert_eq!(scene.read_ground_truth(1).unwrap().unwrap().size(), (40, 30));
+    std::fs::write(folder.path().join("depth/0.png"), b"").unwrap();
+    assert!(scene.read_ground_truth(1).is_err());
+}
+
+#[test]
 fn labels_of_a_third_size_are_an_error() {
     let folder = tempfile::tempdir().unwrap();
     write_scannet(folder.path(), 1, &ScannetSizes { labels: (20, 15), ..SAME });
