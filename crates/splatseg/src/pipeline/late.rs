@@ -49,6 +49,7 @@ impl<T> WaitingFrames<T> {
                 let shown = waiting.result.output.segments.pixels_mut();
                 shown.iter_mut().for_each(|id| *id = names.get(id).copied().unwrap_or(*id));
             }
+            self.objects.remap(&result.remapped);
         }
         self.frames.push_back(LateFrame { frame, result, belongings });
         self.added += 1;

@@ -1,11 +1,12 @@
 //! The plan of a map: of a saved one, of a pipeline's, and beside the frames.
 
+use super::relations::graph_of;
 use super::stages::in_thread_pool;
 use super::{NamedMap, Pipeline, depth_views};
 use glam::{DVec2, DVec3};
 use splatseg_geometry::{MapCopy, MapView, SegmentId, UpEstimate};
 use splatseg_objects::{
-    ListedRoom, NameError, ObjectList, ObjectNames, ObjectSurfaces, Relation, SceneGraph, SceneRoom, relations_of,
+    ListedRoom, NameError, ObjectList, ObjectNames, ObjectSurfaces, Relation, SceneGraph, relations_of,
 };
 use splatseg_odometry::{PoseSourceError, StateScope};
 use splatseg_places::{FloorPlan, KnownRooms, PlanError, PlanSettings, Room};
@@ -156,20 +157,8 @@ impl Pipeline {
 
     /// Rooms, objects and relations of a list of this pipeline's objects.
     pub fn scene_graph(&self, list: &ObjectList) -> SceneGraph {
-        let up = self.up();
         let seen = self.memory().map(|memory| (memory.frame_count(), memory.last_seen())).unwrap_or_default();
-        let mut graph = SceneGraph::new(list, up, seen.0, &seen.1);
-        if !list.rooms.is_empty() {
-            let room = |room: &ListedRoom| SceneRoom {
-                id: room.id,
-                name: room.name.clone(),
-                name_source: room.name_source,
-                objects: Vec::new(),
-            };
-            let of_objects = list.objects.iter().filter_map(|one| Some((one.id, one.room?))).collect();
-            graph.set_rooms(list.rooms.iter().map(room).collect(), &of_objects);
-        }
-        graph
+        graph_of(list, self.up(), seen)
     }
 
     /// Sets the rooms so far, after a plan of [`Self::plan_input`].

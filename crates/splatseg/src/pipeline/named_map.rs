@@ -44,7 +44,11 @@ impl NamedMap {
 
     /// The objects of the map with their names, and when they were seen.
     pub fn object_list(&self) -> ObjectList {
-        let mut list = ObjectList::new(&ObjectLog::default(), Some(self.memory.map()));
+        self.described(ObjectList::new(&ObjectLog::default(), Some(self.memory.map())))
+    }
+
+    /// Adds to a list of the map's objects their names, and when they were seen.
+    pub(super) fn described(&self, mut list: ObjectList) -> ObjectList {
         list.add_names(&self.names);
         list.add_seen_times(&self.history.seen());
         list

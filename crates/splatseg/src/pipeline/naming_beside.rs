@@ -13,7 +13,7 @@ use splatseg_geometry::SegmentId;
 use splatseg_objects::{Object, ObjectName, ObjectView};
 use std::error::Error;
 use std::io;
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -76,6 +76,8 @@ impl NamingBeside {
             .num_threads(1)
             .thread_name(|_| "splatseg-names".to_owned())
             .start_handler(|_| lower_priority())
+            // Without a handler, a namer that panics ends the program. `take` tells.
+            .panic_handler(|_| {})
             .build()
             .map_err(io::Error::other)?;
         let (jobs, to_do) = channel::<Job>();
@@ -86,7 +88,7 @@ impl NamingBeside {
             for job in to_do {
                 let started = busy_time();
                 let named = carry_out(&namer, job, &*pacer);
-                // Whoever has asked may be gone.
+                // The pipeline may be gone.
                 if send.send((named, busy_time().saturating_sub(started))).is_err() {
                     break;
                 }
@@ -106,8 +108,15 @@ impl NamingBeside {
     /// Returns what the thread has done since the last call, if anything. With `wait`, it is waited for.
     pub(super) fn take(&mut self, wait: bool) -> Option<Result<Named, NamerError>> {
         let work = self.work?;
-        let done = if wait { self.done.recv().ok() } else { self.done.try_recv().ok() };
-        let (named, busy) = done?;
+        let done = match wait {
+            true => self.done.recv().map_err(|_| TryRecvError::Disconnected),
+            false => self.done.try_recv(),
+        };
+        let (named, busy) = match done {
+            Ok(done) => done,
+            Err(TryRecvError::Empty) => return None,
+            Err(TryRecvError::Disconnected) => (Err("the namer has panicked".into()), Duration::ZERO),
+        };
         self.work = None;
         let rest = Duration::try_from_secs_f64(busy.as_secs_f64() * self.rest).unwrap_or(Duration::MAX);
         let now = Instant::now();
@@ -232,6 +241,27 @@ mod tests {
             std::thread::sleep(Duration::from_millis(1));
         }
         done
+    }
+
+    /// A namer with a fault.
+    struct Panics;
+
+    impl Namer for Panics {
+        fn name(&self) -> &str {
+            "panics"
+        }
+
+        fn name_object(&mut self, _: ObjectToName<'_>) -> Result<ObjectName, NamerError> {
+            panic!("a fault of the namer")
+        }
+    }
+
+    #[test]
+    fn a_namer_that_panics_ends_the_naming_and_nothing_else() {
+        let mut beside = NamingBeside::start(Arc::new(Mutex::new(Box::new(Panics))), 1.0).unwrap();
+        beside.give(job(3));
+        assert!(matches!(beside.take(true), Some(Err(error)) if error.to_string().contains("panicked")));
+        assert!(beside.take(true).is_none());
     }
 
     const JOB: Duration = Duration::from_millis(10);

@@ -46,7 +46,7 @@ impl PlanBeside {
             .num_threads(1)
             .thread_name(|_| "splatseg-plan".to_owned())
             .start_handler(|_| lower_priority())
-            // Whoever waits for the plan learns that there is none.
+            // Without a handler, a panic ends the program. The pipeline is told that there is no plan.
             .panic_handler(|_| {})
             .build()
             .map_err(io::Error::other)?;
@@ -97,7 +97,7 @@ impl PlanBeside {
         self.pool.spawn(move || {
             let started = busy_time();
             let places = input.places(settings);
-            // Whoever has asked may be gone.
+            // The pipeline may be gone.
             let _ = send.send((places, busy_time().saturating_sub(started)));
         });
         self.work = Some(receive);

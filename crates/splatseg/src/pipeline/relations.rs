@@ -1,14 +1,15 @@
 //! Relations between the objects of a map, and its scene graph.
 
 use super::map_places::add_rooms;
-use super::{NamedMap, Pipeline};
+use super::{NamedMap, Pipeline, depth_views};
 use glam::Vec3;
-use splatseg_geometry::{MapView, UpEstimate};
+use splatseg_geometry::{MapView, SegmentId, UpEstimate};
 use splatseg_objects::{
-    ObjectList, ObjectSurfaces, Relation, SceneGraph, SceneObject, SceneRoom, relations, relations_of,
+    ListedRoom, ObjectList, ObjectLog, ObjectSurfaces, Relation, SceneGraph, SceneRoom, relations_of,
 };
 use splatseg_odometry::{PoseSourceError, keyframe_views};
-use splatseg_places::{FloorPlan, PlanSettings, Room};
+use splatseg_places::{FloorPlan, PlanSettings};
+use std::collections::BTreeMap;
 
 impl Pipeline {
     /// Where up is, as the camera of the keyframes was held: a unit vector in world coordinates. `None` without keyframes.
@@ -50,31 +51,56 @@ impl NamedMap {
         Ok(UpEstimate::of(views.iter().map(|view| &view.world_from_camera)))
     }
 
+    /// The objects as [`Self::object_list`] has them, with their rooms and the relations between them that are certain, as
+    /// [`Pipeline::objects_with_places`]. A map that shows no floor has no rooms.
+    ///
+    /// # Errors
+    /// As [`Self::up`].
+    pub fn objects_with_places(&self) -> Result<ObjectList, PoseSourceError> {
+        let map = self.memory.map();
+        let surfaces = ObjectSurfaces::of(&map);
+        let mut list = self.described(ObjectList::with_surfaces(&ObjectLog::default(), Some(map), &surfaces));
+        let Some(keyframes) = &self.keyframes else { return Ok(list) };
+        if let Some(up) = self.up()? {
+            list.set_relations(&relations_of(&map, &surfaces, up));
+        }
+        let views = depth_views(keyframes, None)?;
+        if let Ok(mut plan) = FloorPlan::without_objects(&map, &views, PlanSettings::default()) {
+            plan.look_for_objects(&map, &surfaces);
+            plan.keep_room_ids(&mut self.history.rooms.clone());
+            plan.name_rooms(&self.names);
+            add_rooms(&mut list, &plan);
+        }
+        Ok(list)
+    }
+
     /// The objects of the map that count, their rooms and relations, and when each was last seen. A map that shows no floor is
     /// one room.
     ///
     /// # Errors
     /// As [`Self::up`].
     pub fn scene_graph(&self) -> Result<SceneGraph, PoseSourceError> {
-        let (mut list, up) = (self.object_list(), self.up()?);
-        if let Some(up) = up {
-            list.set_relations(&relations(&self.memory.map(), up));
-        }
-        let mut graph = SceneGraph::new(&list, up, self.memory.frame_count(), &self.memory.last_seen());
-        // A map that shows no floor is one room.
-        if let Ok(plan) = self.floor_plan(PlanSettings::default())
-            && !plan.rooms().is_empty()
-        {
-            let room = |room: &Room| SceneRoom {
-                id: room.id,
-                name: room.name.clone(),
-                name_source: room.name_source,
-                objects: Vec::new(),
-            };
-            let room_of = |object: &SceneObject| Some((object.id, plan.room_of(object.id)?.id));
-            let rooms = graph.objects.iter().filter_map(room_of).collect();
-            graph.set_rooms(plan.rooms().iter().map(room).collect(), &rooms);
-        }
-        Ok(graph)
+        let seen = (self.memory.frame_count(), self.memory.last_seen());
+        Ok(graph_of(&self.objects_with_places()?, self.up()?, seen))
     }
+}
+
+/// The scene graph of a list, where up is, and when objects were seen: the frames of the map, and the last one of each.
+pub(super) fn graph_of(
+    list: &ObjectList,
+    up: Option<Vec3>,
+    (frames, last_seen): (u32, BTreeMap<SegmentId, u32>),
+) -> SceneGraph {
+    let mut graph = SceneGraph::new(list, up, frames, &last_seen);
+    if !list.rooms.is_empty() {
+        let room = |room: &ListedRoom| SceneRoom {
+            id: room.id,
+            name: room.name.clone(),
+            name_source: room.name_source,
+            objects: Vec::new(),
+        };
+        let of_objects = list.objects.iter().filter_map(|one| Some((one.id, one.room?))).collect();
+        graph.set_rooms(list.rooms.iter().map(room).collect(), &of_objects);
+    }
+    graph
 }

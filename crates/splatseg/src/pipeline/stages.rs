@@ -17,6 +17,26 @@ pub(super) struct Segmented {
     time: Duration,
 }
 
+impl Segmented {
+    /// # Errors
+    /// If the segmenter failed.
+    pub(super) fn checked(self, frame: &WorkingFrame<'_>) -> Result<Self, PipelineError> {
+        let (found, time) = self.into_parts(frame)?;
+        Ok(Self { found: Ok(found), time })
+    }
+
+    fn into_parts(self, frame: &WorkingFrame<'_>) -> Result<(Segmentation, Duration), PipelineError> {
+        let frame = || frame.whole.name().to_owned();
+        let found = self.found.map_err(|source| match source {
+            SegmenterError::FastSam(FastSamError::Device { .. }) | SegmenterError::Device { .. } => {
+                PipelineError::DeviceFailed { frame: frame(), source: Box::new(source) }
+            }
+            source => PipelineError::Segmenter { frame: frame(), source: Box::new(source) },
+        })?;
+        Ok((found, self.time))
+    }
+}
+
 /// A frame's pose, its place in the map, the time that they took, and the turn with which it is segmented.
 #[derive(Clone)]
 pub(super) struct Placed {
@@ -70,15 +90,10 @@ pub(super) fn process(
     objects: &mut ObjectLog,
     frame: &WorkingFrame,
     Placed { pose, anchor, turn, time: pose_time }: Placed,
-    Segmented { found, time }: Segmented,
+    segmented: Segmented,
 ) -> Result<Decided, PipelineError> {
     let name = || frame.whole.name().to_owned();
-    let found = found.map_err(|source| match source {
-        SegmenterError::FastSam(FastSamError::Device { .. }) | SegmenterError::Device { .. } => {
-            PipelineError::DeviceFailed { frame: name(), source: Box::new(source) }
-        }
-        source => PipelineError::Segmenter { frame: name(), source: Box::new(source) },
-    })?;
+    let (found, time) = segmented.into_parts(frame)?;
     let working = frame.working().as_borrowed().at(pose.world_from_camera);
     method.set_reduction(frame.whole.width() as f64 / working.width() as f64);
     let (output, mut times) = clock.time(|| match pose.state {

@@ -85,12 +85,7 @@ impl Pipeline {
     /// can still be processed. [`PipelineError::Method`] or [`PipelineError::DeviceFailed`] if the method or the device
     /// failed: no later frame can be processed. [`PipelineError::Namer`] if the namer of the settings failed.
     pub fn step(&mut self, frame: &RgbdFrame) -> Result<FrameResult, PipelineError> {
-        let _rest = self.names.rest_during_frame();
-        let camera_frame = self.predicted(frame.as_borrowed())?;
-        let mut working = self.working_frame(&camera_frame);
-        let segmented = self.segmented_before_fit(&working);
-        let placed = self.place(&mut working, self.objects.frames(), Some(frame.world_from_camera()))?;
-        self.step_placed(&working, placed, segmented)
+        self.step_with(frame.as_borrowed(), Some(frame.world_from_camera()))
     }
 
     /// Processes the next frame of a camera whose pose is unknown: it is tracked, unless [`PoseMode::Given`] forbids it.
@@ -98,11 +93,18 @@ impl Pipeline {
     /// # Errors
     /// As [`Self::step`].
     pub fn step_unposed(&mut self, frame: CameraFrame<'_>) -> Result<FrameResult, PipelineError> {
+        self.step_with(frame, None)
+    }
+
+    fn step_with(&mut self, frame: CameraFrame<'_>, given: Option<&Pose>) -> Result<FrameResult, PipelineError> {
         let _rest = self.names.rest_during_frame();
         let frame = self.predicted(frame)?;
         let mut working = self.working_frame(&frame);
-        let segmented = self.segmented_before_fit(&working);
-        let placed = self.place(&mut working, self.objects.frames(), None)?;
+        // First, so that a segmenter that fails leaves the source of poses as it was, and the frame can be tried again.
+        // Holes in depth are filled when the frame is placed, and the segmenter sees them filled.
+        let fills_holes = self.depth.as_ref().is_some_and(|depth| !depth.predicts_all());
+        let segmented = (!fills_holes).then(|| self.segmented(&working).checked(&working)).transpose()?;
+        let placed = self.place(&mut working, self.objects.frames(), given)?;
         self.step_placed(&working, placed, segmented)
     }
 
@@ -150,9 +152,13 @@ impl Pipeline {
     /// What the segmenter finds in a frame whose predicted depth is fitted to the map when it is placed: frames that are
     /// segmented ahead have not been fitted, either. `None` if nothing is fitted.
     pub(super) fn segmented_before_fit(&mut self, frame: &WorkingFrame<'_>) -> Option<Segmented> {
-        let (segmenter, turn) = (&mut self.segmenter, self.turn);
         let is_fitted = self.depth.as_ref().is_some_and(DepthStage::predicts_all);
-        is_fitted.then(|| in_thread_pool(|| segment(segmenter.as_mut(), frame, turn)))
+        is_fitted.then(|| self.segmented(frame))
+    }
+
+    fn segmented(&mut self, frame: &WorkingFrame<'_>) -> Segmented {
+        let (segmenter, turn) = (&mut self.segmenter, self.turn);
+        in_thread_pool(|| segment(segmenter.as_mut(), frame, turn))
     }
 
     fn step_placed(

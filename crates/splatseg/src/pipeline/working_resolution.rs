@@ -88,12 +88,21 @@ pub(super) fn reduced_segmentation(
     Ok(Segmentation {
         masks: found.masks.into_iter().map(mask).filter(|scored| !scored.mask.is_empty()).collect(),
         regions: found.regions.map(|regions| resized_image(&regions, size)),
-        affinities: found.affinities.map(|affinities| Affinities {
-            columns: affinities.columns.iter().map(|column| *column * size.0 as u32 / from.0 as u32).collect(),
-            rows: affinities.rows.iter().map(|row| *row * size.1 as u32 / from.1 as u32).collect(),
-            ..affinities
-        }),
+        affinities: found.affinities.and_then(|affinities| reduced_affinities(affinities, from, size)),
     })
+}
+
+/// Affinities of a frame of size `from`, for the frame reduced to `size`. `None` if their grid is finer than its pixels.
+fn reduced_affinities(affinities: Affinities, from: (usize, usize), size: (usize, usize)) -> Option<Affinities> {
+    let reduced = |places: &[u32], from: usize, to: usize| -> Vec<u32> {
+        places.iter().map(|place| (u64::from(*place) * to as u64 / from as u64) as u32).collect()
+    };
+    let affinities = Affinities {
+        columns: reduced(&affinities.columns, from.0, size.0),
+        rows: reduced(&affinities.rows, from.1, size.1),
+        ..affinities
+    };
+    affinities.fits(size).then_some(affinities)
 }
 
 /// For each pixel of an axis, the nearest one of the same axis with another number of pixels.
@@ -151,5 +160,23 @@ impl Hindsight for ReducedHindsight<'_> {
             ShownFrame { segments: reduced_map(&shown.segments), regions: shown.regions.as_ref().map(reduced_map) };
         let output = self.hindsight.look_again(&reduced.at(*frame.world_from_camera()), &shown)?;
         Ok(enlarged_output(output, frame).0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn affinities_stay_unless_their_grid_is_finer_than_the_reduced_pixels() {
+        let affinities = |step: u32| {
+            let places = |size: u32| (0..size.div_ceil(step)).map(|place| place * step).collect();
+            Affinities { columns: places(1280), rows: places(960), planes: Vec::new().into() }
+        };
+        let reduced = |step| reduced_affinities(affinities(step), (1280, 960), (320, 240));
+        assert_eq!(reduced(2), None, "two places in one pixel");
+        let found = reduced(8).unwrap();
+        assert_eq!(found.columns, (0..160).map(|place| 2 * place).collect::<Vec<_>>());
+        assert!(found.fits((320, 240)));
     }
 }

@@ -1,6 +1,8 @@
 //! Frames that wait, and are decided again with what the frames after them have shown.
 
 use splatseg::dataset::Scene;
+use splatseg::geometry::RemappedId;
+use splatseg::odometry::PoseState;
 use splatseg::pipeline::{LateFrame, WaitingFrames};
 use splatseg::tracking::{Hindsight, ShownFrame};
 use splatseg::{Pipeline, SegmentMap, Settings};
@@ -55,5 +57,31 @@ fn waiting_for_all_frames_is_looking_back_from_the_end() {
     for ((frame, result), late) in frames.iter().zip(results).zip(late) {
         let shown = ShownFrame { segments: result.output.segments, regions: result.regions };
         assert_eq!(pipeline.hindsight().unwrap().look_again(frame, &shown).unwrap().segments, late);
+    }
+}
+
+#[test]
+fn an_object_that_gets_another_id_meanwhile_is_not_new() {
+    let scene = room("synthetic:frames=4,width=128,height=96,noise=kinect");
+    let mut pipeline = Pipeline::builder(&Settings::default()).build().unwrap();
+    let (mut waiting, mut renamed) = (WaitingFrames::default(), None);
+    for index in 0..4 {
+        let frame = scene.read_frame(index).unwrap();
+        let mut result = pipeline.step(&frame).unwrap();
+        if let Some(remapped @ RemappedId { from, into }) = renamed {
+            // As if a loop had been closed in the last frame.
+            result.remapped = vec![remapped];
+            result.output.segments.pixels_mut().iter_mut().filter(|id| **id == from).for_each(|id| *id = into);
+        }
+        // The pose is lost, so that the frame shows what it showed.
+        result.pose.state = PoseState::Lost;
+        let known = result.objects.iter().map(|object| object.id).max().unwrap();
+        waiting.add(frame, result, ());
+        let late = waiting.next_due(&mut pipeline, |(), _| true).unwrap().unwrap();
+        if let Some(RemappedId { into, .. }) = renamed {
+            let object = late.result.objects.iter().find(|object| object.id == into);
+            assert!(object.is_none_or(|object| !object.is_new()));
+        }
+        renamed = (index == 2).then_some(RemappedId { from: known, into: 900 });
     }
 }

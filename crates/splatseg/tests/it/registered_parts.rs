@@ -2,7 +2,7 @@
 
 use splatseg::dataset::{FrameStream, GroundTruth, open_scene};
 use splatseg::memory::{
-    LearningExtent, MemoryError, MemoryKindDefinition, MemoryRules, NewGaussian, Recall, SegmentStore, StoreTile,
+    LearningStats, MemoryError, MemoryKindDefinition, MemoryRules, NewGaussian, Recall, SegmentStore, StoreTile,
     TileSurface, register_memory_kind,
 };
 use splatseg::objects::ObjectName;
@@ -129,8 +129,8 @@ impl SegmentStore for Forgetful {
         self.0 += added.len();
     }
 
-    fn learn(&mut self, _: &Recall<'_>, _: &dyn Splats, _: &SegmentMap, _: &BTreeSet<SegmentId>) -> LearningExtent {
-        LearningExtent::default()
+    fn learn(&mut self, _: &Recall<'_>, _: &dyn Splats, _: &SegmentMap, _: &BTreeSet<SegmentId>) -> LearningStats {
+        LearningStats::default()
     }
 
     fn retain(&mut self, keep: &[bool]) {
