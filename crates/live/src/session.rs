@@ -519,6 +519,8 @@ impl LiveSession {
             self.pipeline.set_detail(detail);
         }
         self.status.doubts.clear();
+        // The names were those of the map of before.
+        self.has_new_names = false;
         self.seen = SeenObjects::default();
         if let Some(places) = self.places.latest() {
             let known = (&self.seen, places);

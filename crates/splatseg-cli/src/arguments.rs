@@ -205,9 +205,10 @@ pub struct RunArguments {
     pub save_every: Option<String>,
     /// Resume the stopped run in that folder
     ///
-    /// It goes on from its last --save-every state, with its settings; without one, a new run starts. The results are the
-    /// same as without the stop. Without --out, the folder is the latest NAME-splatseg.
-    #[arg(long, conflicts_with_all = ["overwrite", "load_memory"])]
+    /// It goes on from its last --save-every state, with its settings, loaded memory and files to save; without such a
+    /// state, a new run starts. The results are the same as without the stop. Without --out, the folder is the latest
+    /// NAME-splatseg.
+    #[arg(long, conflicts_with = "overwrite")]
     pub resume: bool,
     /// Do not write index.html, the page that shows the results
     #[arg(long)]
@@ -223,8 +224,8 @@ pub struct RunArguments {
 
 impl RunArguments {
     /// Resolves the settings from file, options and assignments, from a saved memory, and from the run in `out` if that is
-    /// resumed.
-    pub fn settings(&self, out: &Path) -> Result<Settings, Failure> {
+    /// resumed. `load_memory` is the map to start with.
+    pub fn settings(&self, out: &Path, load_memory: Option<&Path>) -> Result<Settings, Failure> {
         let strict_input = self.strict_input.then(|| "true".to_owned());
         let page = self.no_page.then(|| "false".to_owned());
         let overlay = self.no_overlay.then(|| "false".to_owned());
@@ -242,7 +243,7 @@ impl RunArguments {
             layers.add_file(&path).map_err(Failure::input)?;
         }
         let mut layers = self.options.layers_over(layers, options)?;
-        if let Some(path) = &self.load_memory {
+        if let Some(path) = load_memory {
             layers.add_saved_memory(path).map_err(Failure::input)?;
         }
         layers.resolve().map_err(Failure::input)

@@ -121,7 +121,9 @@ fn lines(report: &MergeReport, all: bool) -> Vec<String> {
     }
     let is_of =
         |object: &&MergedObject, sides: [bool; 2]| [!object.earlier.is_empty(), !object.later.is_empty()] == sides;
-    let count = |sides: [bool; 2]| objects.iter().filter(|object| is_of(object, sides)).count();
+    // What of the later map was absorbed by others is none of the merged map's objects.
+    let is_left = |object: &&MergedObject| object.id.is_some() || !object.earlier.is_empty();
+    let count = |sides: [bool; 2]| objects.iter().filter(|object| is_of(object, sides) && is_left(object)).count();
     lines.push(format!(
         "objects: {} in both maps, {} only in the earlier one, {} only in the later one",
         report.united(),
@@ -146,7 +148,8 @@ fn described(object: &MergedObject) -> String {
         [] => "-".to_owned(),
         ids => ids.iter().map(ToString::to_string).collect::<Vec<_>>().join(","),
     };
-    let now = object.id.map_or_else(|| "gone".to_owned(), |id| id.to_string());
+    let absorbed = if object.earlier.is_empty() { "absorbed by others" } else { "gone" };
+    let now = object.id.map_or_else(|| absorbed.to_owned(), |id| id.to_string());
     let label = object.label.as_ref().map(|label| format!(" {label}")).unwrap_or_default();
     format!("  {} + {} -> {now}{label}", ids(&object.earlier), ids(&object.later))
 }

@@ -52,9 +52,18 @@ pub struct OutputFolder {
     manifest: Option<Manifest>,
     /// Whether overlays are written.
     overlays: bool,
+    /// The files that wait in the staging folder, and those that they leave nothing of, if all results are replaced at once.
+    replacing: Option<Replacing>,
     // Dropped in this order, as only an empty folder can be removed.
     staging: Staging,
     _created: CreatedFolders,
+}
+
+/// Results that replace those of before together.
+#[derive(Debug, Default)]
+struct Replacing {
+    complete: BTreeSet<String>,
+    removed: BTreeSet<String>,
 }
 
 impl OutputFolder {
@@ -100,7 +109,7 @@ impl OutputFolder {
             OverwritePolicy::Resume => Some(Manifest::resume(path, &earlier).map_err(unusable)?),
             _ => None,
         };
-        Ok(Self { path: path.to_owned(), earlier, manifest, overlays, staging, _created: created })
+        Ok(Self { path: path.to_owned(), earlier, manifest, overlays, replacing: None, staging, _created: created })
     }
 
     /// Returns true if `path` may be a result in the folder `out`. Symbolic links must be resolved in both.
@@ -148,6 +157,29 @@ impl OutputFolder {
         self.put_in_place(&written[..if self.overlays { 2 } else { 1 }])
     }
 
+    /// From now on, complete files wait in the staging folder until [`Self::replace_all`]. If that is never called, the results
+    /// stay as they are.
+    pub fn begin_replacing(&mut self) {
+        self.replacing = Some(Replacing::default());
+    }
+
+    /// Moves the files written since [`Self::begin_replacing`] into place.
+    ///
+    /// # Errors
+    /// If one of them cannot be moved.
+    pub fn replace_all(&mut self) -> Result<(), OutputError> {
+        let Replacing { complete, removed } = self.replacing.take().unwrap_or_default();
+        for file in &complete {
+            self.put_in_place(&[file])?;
+        }
+        removed.iter().try_for_each(|file| self.remove(file))
+    }
+
+    /// Leaves the results as they were before [`Self::begin_replacing`].
+    pub fn keep_all(&mut self) {
+        self.replacing = None;
+    }
+
     /// Writes the id image of an earlier frame again. `file` is its path relative to the folder.
     ///
     /// # Errors
@@ -155,7 +187,7 @@ impl OutputFolder {
     pub fn write_segments(&mut self, file: &str, segments: &SegmentMap) -> Result<(), OutputError> {
         write_segments_png(&place(&self.staging.path, file), segments)
             .map_err(|error| self.error_in_place(file, error.into()))?;
-        self.replace(file)
+        self.put_in_place(&[file])
     }
 
     /// Writes the overlay of an earlier frame again, if overlays are written. `file` is its path relative to the folder.
@@ -173,12 +205,7 @@ impl OutputFolder {
         }
         write_overlay_jpeg(&place(&self.staging.path, file), color, segments)
             .map_err(|error| self.error_in_place(file, error))?;
-        self.replace(file)
-    }
-
-    /// Moves a complete file into the place of a listed one.
-    fn replace(&self, file: &str) -> Result<(), OutputError> {
-        fs::rename(place(&self.staging.path, file), place(&self.path, file)).map_err(|source| self.error(file, source))
+        self.put_in_place(&[file])
     }
 
     /// Writes the summary of the run, once all other results are on the disk. There must be results.
@@ -215,8 +242,15 @@ impl OutputFolder {
         Ok(())
     }
 
-    /// Adds complete files to the manifest, and moves them into place.
+    /// Adds complete files to the manifest, and moves them into place, now or with all others.
     fn put_in_place(&mut self, files: &[&str]) -> Result<(), OutputError> {
+        if let Some(Replacing { complete, removed }) = &mut self.replacing {
+            for file in files {
+                removed.remove(*file);
+                complete.insert((*file).to_owned());
+            }
+            return Ok(());
+        }
         if let Some(manifest) = &mut self.manifest {
             manifest.add(files).map_err(|source| self.error(MANIFEST, source))?;
         }
@@ -253,6 +287,11 @@ impl ResultFolder for OutputFolder {
     }
 
     fn remove(&mut self, file: &str) -> Result<(), OutputError> {
+        if let Some(Replacing { complete, removed }) = &mut self.replacing {
+            complete.remove(file);
+            removed.insert(file.to_owned());
+            return Ok(());
+        }
         match fs::remove_file(place(&self.path, file)) {
             Err(source) if source.kind() != ErrorKind::NotFound => Err(self.error(file, source)),
             _ => Ok(()),

@@ -245,8 +245,9 @@ impl RunOutput for McapFile {
 
     fn restore(&mut self, frames: &[String], saved: &[u8]) -> serde_json::Result<()> {
         let () = serde_json::from_slice(saved)?;
-        for frame in frames {
-            let (frame, new): (SeenFrame, Vec<SegmentId>) = serde_json::from_str(frame)?;
+        let frames: Vec<(SeenFrame, Vec<SegmentId>)> =
+            frames.iter().map(|frame| serde_json::from_str(frame)).collect::<Result<_, _>>()?;
+        for (frame, new) in frames {
             self.seen.objects.extend(new.into_iter().map(|id| (id, frame.time)));
             self.seen.frames.push(frame);
         }

@@ -32,7 +32,7 @@ pub fn is_map(path: &Path) -> bool {
 pub fn inspect(arguments: &InspectArguments) -> Result<(), Failure> {
     let path = &arguments.file;
     let map = NamedMap::load(path).map_err(Failure::input)?;
-    let mut list = map.object_list();
+    let mut list = map.objects_with_places().map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
     let gaussians = map.memory.map().gaussian_count();
     let has_keyframes = map.keyframes.is_some();
     if arguments.json {

@@ -1,18 +1,19 @@
 //! The final pass: after the last frame, the map decides the ids of all frames again.
 //!
-//! It reads the recording once more, and needs no segmenter. Images are replaced frame by frame, and the outputs are made
-//! anew from the frames with their final ids, so that names, boxes, masks, recording and page agree with the images.
-//! Until then, the results are those of the time. An id means the same object in both.
+//! It reads the recording once more, and needs no segmenter. The outputs are made anew from the frames with their final ids,
+//! so that names, boxes, masks, recording and page agree with the images. All images are replaced together, once the last is
+//! decided: until then, the results are those of the time. An id means the same object in both.
 
 use super::RunJob;
 use super::frame_history::{EarlierFrame, FrameHistory};
 use super::frame_loop::{EarlyEnd, LoopOutcome};
-use super::name_objects;
 use super::outputs;
 use super::progress::Progress;
 use super::result_writer::WriterOutcome;
 use super::shown_frames;
 use super::stop_signals::StopSignals;
+use super::{name_objects, tell_changes, write_changes};
+use crate::map_changes::MapBefore;
 use crate::output_folder::result_files;
 use rayon::current_num_threads;
 use rayon::prelude::*;
@@ -41,6 +42,8 @@ pub struct FinalPass<'a> {
     pub scene: &'a Arc<dyn Scene>,
     /// Signals that stop the pass.
     pub signals: &'a StopSignals,
+    /// The map that the run was started with.
+    pub before: Option<&'a MapBefore>,
 }
 
 /// The frames decided so far.
@@ -55,14 +58,13 @@ struct Decided {
 }
 
 impl FinalPass<'_> {
-    /// Decides the frames of `history` again and writes their results, with the plan of the map. Returns false if the results stay as they are,
-    /// which is then said, or if a signal has stopped the pass.
+    /// Decides the frames of `history` again and writes their results, with the plan of the map. Returns false if the results
+    /// stay as they are: after an error, which is among the output errors, or if a signal has stopped the pass.
     pub fn run(
         &self,
         pipeline: &mut Pipeline,
         (history, plan): (&FrameHistory, Option<FloorPlan>),
         ended: &mut LoopOutcome,
-        changes: Option<ChangesSince<'_>>,
     ) -> bool {
         let LoopOutcome { counts, written, early } = ended;
         let Some(shown) = written.shown_path() else { return false };
@@ -74,7 +76,14 @@ impl FinalPass<'_> {
             rgb_id_images: 0,
             views: pipeline.has_namer().then(KeptViews::default),
         };
-        match self.decide_all(pipeline, (history, &shown), written, &mut decided) {
+        written.folder.begin_replacing();
+        let ended = self.decide_all(pipeline, (history, &shown), written, &mut decided);
+        let replaced = ended.and_then(|stopped| match stopped {
+            None => written.folder.replace_all().map(|()| None),
+            stopped => Ok(stopped),
+        });
+        written.folder.keep_all();
+        match replaced {
             Ok(None) => {}
             Ok(Some(stopped)) => {
                 counts.interrupted = true;
@@ -94,7 +103,12 @@ impl FinalPass<'_> {
             }
         }
         written.outputs = decided.outputs;
-        self.finish(pipeline, plan, written, changes);
+        // The final ids are what the map shows.
+        let changes = self.before.and_then(|before| write_changes(before, pipeline, written));
+        changes.iter().for_each(tell_changes);
+        let since = self.before.zip(changes.as_ref());
+        let since = since.map(|(before, changes)| ChangesSince { before: before.map(), changes });
+        self.finish(pipeline, plan, written, since);
         for id in counts.ids.difference(&decided.ids) {
             let removed = written.folder.remove(&ObjectsFile::crop(*id));
             written.output_errors.extend(removed.err());

@@ -44,7 +44,8 @@ use final_ids::{FrameImages, update_frames};
 use final_pass::FinalPass;
 use frame_loop::{FrameLoop, LoopOutcome, StateSaving};
 use progress::codebook_bar;
-use saved_run::RunState;
+use result_writer::WriterOutcome;
+use saved_run::{LoadedMap, RunState};
 use serde_json::Value;
 use splatseg::pipeline::{LoadedNetworks, PredictedDepthUse};
 use splatseg::settings::MethodName;
@@ -60,7 +61,7 @@ use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// File for what has changed since a loaded map.
 const CHANGES: &str = "changes.json";
@@ -112,26 +113,30 @@ pub fn run(arguments: &RunArguments, program: &[OsString]) -> Result<(), Failure
         report!("{}: the run is complete already", out.display());
         return Ok(());
     }
+    let has_only_begun = resume.is_none() && arguments.resume && SavedRun::has_only_begun(&out);
     let existing = match &resume {
         Some(_) => OverwritePolicy::Resume,
-        None if arguments.resume && SavedRun::has_only_begun(&out) => {
+        None if has_only_begun => {
             inform!("{}: stopped before its state was saved: it starts anew", out.display());
             OverwritePolicy::Replace
         }
         None => OverwritePolicy::from_flag(arguments.overwrite),
     };
-    let mut settings = arguments.settings(&out)?;
+    let load_memory = load_memory(arguments, resume.as_ref(), has_only_begun.then_some(&out))?;
+    let mut settings = arguments.settings(&out, load_memory.as_deref())?;
     settings.settle_depth(&arguments.scene).map_err(Failure::input)?;
+    let extra_file =
+        |given: &Option<PathBuf>, kind: FileKind| given.clone().or_else(|| resume.as_ref()?.extra_file(kind.option));
     let job = RunJob {
         scene: arguments.scene.clone(),
         existing,
         settings,
         out,
-        save_memory: arguments.save_memory.clone(),
-        load_memory: arguments.load_memory.clone(),
+        save_memory: extra_file(&arguments.save_memory, FileKind::MEMORY),
+        load_memory,
+        save_coco: extra_file(&arguments.save_coco, FileKind::COCO),
+        save_mcap: extra_file(&arguments.save_mcap, FileKind::MCAP),
         resume,
-        save_coco: arguments.save_coco.clone(),
-        save_mcap: arguments.save_mcap.clone(),
         networks: Arc::default(),
     };
     check_paths(&job, arguments.options.config.as_deref())?;
@@ -142,6 +147,31 @@ pub fn run(arguments: &RunArguments, program: &[OsString]) -> Result<(), Failure
         browser::open(&job.out.join(Page::FILE));
     }
     Ok(())
+}
+
+/// The map to start with: that of `--load-memory`, or of the run in `begun`, which was stopped before its first state. A
+/// resumed run has loaded it before.
+fn load_memory(
+    arguments: &RunArguments,
+    resume: Option<&SavedRun>,
+    begun: Option<&PathBuf>,
+) -> Result<Option<PathBuf>, Failure> {
+    let given = arguments.load_memory.as_ref();
+    let before = match (resume, begun) {
+        (Some(saved), _) => saved.state.loaded_map.as_ref().map(|loaded| loaded.path.clone()),
+        (None, Some(out)) => SavedRun::begun(out).load_memory,
+        (None, None) => return Ok(given.cloned()),
+    };
+    match given.filter(|given| before.as_ref() != Some(&given.display().to_string())) {
+        Some(given) => {
+            let before = before.map_or_else(|| "without --load-memory".to_owned(), |path| format!("with {path}"));
+            Err(Failure::input(format!(
+                "{}: the run was started {before}: leave --load-memory out, or start it again with --overwrite",
+                given.display()
+            )))
+        }
+        None => Ok(before.map(PathBuf::from).filter(|_| resume.is_none())),
+    }
 }
 
 /// Returns true if a folder contains the results of a complete run.
@@ -169,8 +199,12 @@ fn check_paths(job: &RunJob, config: Option<&Path>) -> Result<(), Failure> {
         // The new memory may replace the loaded one, which has been read by then.
         inputs.check_output_file(path)?;
         let real = real_path(path);
-        if OutputFolder::is_result_place(&real_path(&job.out), &real) {
+        let out = real_path(&job.out);
+        if OutputFolder::is_result_place(&out, &real) {
             return wrong(format!("is reserved for other results: choose another file for {option}"));
+        }
+        if out.starts_with(&real) {
+            return wrong(format!("is the folder of --out, or one around it: choose a file for {option}"));
         }
         if let Some(other) = taken.insert(real, option) {
             return wrong(format!("is the file of {other}: choose another file for {option}"));
@@ -220,12 +254,17 @@ fn execute_with(
     let names: Vec<String> = selected.into_iter().map(|index| scene.frame_name(index)).collect();
     let folder = OutputFolder::prepare(&job.out, job.existing, &names, job.settings.run.overlay)?;
     let mut pipeline = build(job, &scene)?;
-    let before = job.load_memory.as_deref().map(MapBefore::load).transpose()?.flatten();
+    let before = map_before(job)?;
     inform!("{}", stream.description());
     inform!("{}", camera_messages::described(job.settings.run.poses, scene.has_poses()));
 
     let run = &job.settings.run;
-    let state = RunState { earlier_ids: pipeline.earlier_ids(), ..state };
+    let mut state = RunState { earlier_ids: pipeline.earlier_ids(), ..state };
+    if job.resume.is_none() {
+        state.loaded_map = job.load_memory.as_deref().and_then(LoadedMap::of);
+    }
+    let extra_file = |(kind, path): (FileKind, &PathBuf)| (kind.option.to_owned(), path.display().to_string());
+    state.extra_files = job.extra_files().map(extra_file).collect();
     let saving = StateSaving { every: run.save_every, state, staging: folder.staging().to_owned() };
     let saving = (run.save_every > 0).then_some(saving);
     let has_final_pass = !run.online && pipeline.hindsight().is_some();
@@ -237,25 +276,62 @@ fn execute_with(
         has_loaded_map: job.load_memory.is_some(),
         saving,
     };
-    let mut ended = frames.run(pipeline.run(stream), written, counts)?;
-    let changes = before.as_ref().and_then(|before| write_changes(before, &pipeline, &mut ended));
-    let changes = before.as_ref().zip(changes.as_ref());
-    let changes = changes.map(|(before, changes)| ChangesSince { before: before.map(), changes });
-    if !has_final_pass {
-        name_objects(&mut pipeline)?;
+    let ended = frames.run(pipeline.run(stream), written, counts)?;
+    let end = EndOfFrames { job, scene: &scene, signals: &signals, before, has_final_pass, times: (started, start_up) };
+    end.finish(&mut pipeline, ended, memory_file.as_ref())
+}
+
+/// A run whose frames have ended.
+struct EndOfFrames<'a> {
+    job: &'a RunJob,
+    scene: &'a Arc<dyn Scene>,
+    signals: &'a StopSignals,
+    /// The map that the run was started with.
+    before: Option<MapBefore>,
+    has_final_pass: bool,
+    /// When it was started, and the time until the first frame.
+    times: (Instant, Duration),
+}
+
+impl EndOfFrames<'_> {
+    /// Writes the results that need all frames, carries out the final pass, and writes and returns the summary.
+    fn finish(
+        self,
+        pipeline: &mut Pipeline,
+        mut ended: LoopOutcome,
+        memory_file: Option<&ExtraFile>,
+    ) -> Result<Summary, Failure> {
+        let Self { job, scene, signals, before, has_final_pass, times: (started, start_up) } = self;
+        let has_final_pass = |ended: &LoopOutcome| {
+            has_final_pass && ended.early.is_none() && ended.written.first_error.is_none() && ended.written.frames > 0
+        };
+        if !has_final_pass(&ended) {
+            name_objects(pipeline)?;
+        }
+        let changes = before.as_ref().and_then(|before| write_changes(before, pipeline, &mut ended.written));
+        match &changes {
+            Some(changes) if !has_final_pass(&ended) => tell_changes(changes),
+            None if job.resume.is_some() => {
+                // That of the run before it was stopped.
+                let removed = ended.written.folder.remove(CHANGES);
+                ended.written.output_errors.extend(removed.err());
+            }
+            _ => {}
+        }
+        let since = before.as_ref().zip(changes.as_ref());
+        let since = since.map(|(before, changes)| ChangesSince { before: before.map(), changes });
+        let (history, plan) = finish_outputs(job, scene.as_ref(), pipeline, &mut ended, since);
+        let online = started.elapsed();
+        let final_pass = has_final_pass(&ended).then(|| {
+            let pass = FinalPass { job, scene, signals, before: before.as_ref() };
+            pass.run(pipeline, (&history, plan), &mut ended).then(|| started.elapsed() - online)
+        });
+        let times = RunTimes { start_up, online, final_pass: final_pass.flatten() };
+        let summary = report::finish(job, ended, times, (scene.as_ref(), pipeline), memory_file)?;
+        // The run is complete, so its saved state is no longer needed.
+        let _ = saved_run::remove(&job.out);
+        Ok(summary)
     }
-    let (history, plan) = finish_outputs(job, scene.as_ref(), &mut pipeline, &mut ended, changes);
-    let online = started.elapsed();
-    let is_complete = ended.early.is_none() && ended.written.first_error.is_none() && ended.written.frames > 0;
-    let final_pass = (has_final_pass && is_complete).then(|| {
-        let pass = FinalPass { job, scene: &scene, signals: &signals };
-        pass.run(&mut pipeline, (&history, plan), &mut ended, changes).then(|| started.elapsed() - online)
-    });
-    let times = RunTimes { start_up, online, final_pass: final_pass.flatten() };
-    let summary = report::finish(job, ended, times, (scene.as_ref(), &pipeline), memory_file.as_ref())?;
-    // The run is complete, so its saved state is no longer needed.
-    let _ = saved_run::remove(&job.out);
-    Ok(summary)
 }
 
 /// Opens the scene of a job. Its depth predictor is checked before and after: the frames of a video are extracted when it is
@@ -310,25 +386,41 @@ fn finish_outputs(
     (history, plan)
 }
 
+/// The map that the run was started with. `None` if there was none, or it does not tell what was looked at.
+fn map_before(job: &RunJob) -> Result<Option<MapBefore>, Failure> {
+    let resumed = job.resume.as_ref().map(SavedRun::loaded_map).transpose();
+    let path = match resumed {
+        Ok(resumed) => job.load_memory.clone().or(resumed.flatten()),
+        Err(failure) => {
+            say_error!("warning: {failure}: there is no {CHANGES}");
+            None
+        }
+    };
+    Ok(path.as_deref().map(MapBefore::load).transpose()?.flatten())
+}
+
 /// Writes what has changed since a loaded map. Returns `None` if that is unknown.
-fn write_changes(before: &MapBefore, pipeline: &Pipeline, ended: &mut LoopOutcome) -> Option<MapChanges> {
+fn write_changes(before: &MapBefore, pipeline: &Pipeline, written: &mut WriterOutcome) -> Option<MapChanges> {
     let (map, keyframes) = pipeline.map().zip(pipeline.saved_poses(StateScope::Map))?;
-    if ended.written.frames == 0 {
+    if written.frames == 0 {
         return None;
     }
     match before.changes(&map, &keyframes).and_then(|changes| Ok((map_changes::json(&changes)?, changes))) {
         Ok((bytes, changes)) => {
-            if let Err(error) = ended.written.folder.write(CHANGES, &bytes) {
-                ended.written.output_errors.push(error);
-            } else if let Some(counts) = map_changes::lines(&changes).first() {
-                inform!("since the loaded map: {counts}; see {CHANGES}");
-            }
+            written.output_errors.extend(written.folder.write(CHANGES, &bytes).err());
             Some(changes)
         }
         Err(error) => {
             say_error!("the changes since the loaded map are unknown: {error}");
             None
         }
+    }
+}
+
+/// Prints how many objects have changed since a loaded map.
+fn tell_changes(changes: &MapChanges) {
+    if let Some(counts) = map_changes::lines(changes).first() {
+        inform!("since the loaded map: {counts}; see {CHANGES}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! Writes results on a separate thread while the next frame is processed.
 
 use super::frame_history::FrameHistory;
-use super::saved_run::{FOLDER, RunState, StateWriter};
+use super::saved_run::{BegunRun, FOLDER, RunState, StateWriter};
 use super::shown_frames::{self, SHOWN, ShownFile};
 use crate::output_folder::OutputFolder;
 use splatseg_geometry::RemappedId;
@@ -67,7 +67,7 @@ pub enum Saving {
     /// Disabled: `save_every` is 0.
     Off,
     /// Starts when the first frame is written.
-    Later,
+    Later(BegunRun),
     /// The state is saved periodically.
     On(StateWriter),
     /// Stopped after an error.
@@ -166,8 +166,8 @@ impl WriterOutcome {
 
     /// Records that a frame's images are written, with each output's state for the frame.
     fn save_frame(&mut self, frame: &FrameRecord) {
-        if matches!(self.saving, Saving::Later) {
-            let started = StateWriter::start(self.folder.path(), None);
+        if let Saving::Later(begun) = &self.saving {
+            let started = StateWriter::start(self.folder.path(), begun);
             self.saving = self.saved(started).map_or(Saving::Failed, Saving::On);
         }
         if !matches!(self.saving, Saving::On(_)) {

@@ -2,8 +2,8 @@
 
 use super::RunJob;
 use super::result_writer::{Saving, Shown, WriterOutcome};
-use super::saved_run::StateWriter;
-use super::shown_frames::ShownFile;
+use super::saved_run::{BegunRun, StateWriter};
+use super::shown_frames::{SHOWN, ShownFile};
 use crate::Failure;
 use crate::output_folder::OutputFolder;
 use splatseg::summary::{PoseStateCounts, RunCounts, needs_rgb};
@@ -40,15 +40,23 @@ pub fn start(
     let shown = match (has_final_pass, is_saved) {
         (false, _) => Shown::Nowhere,
         (true, true) => Shown::WithState,
-        (true, false) => Shown::File(ShownFile::create(folder.staging()).map_err(Failure::runtime)?),
+        (true, false) => {
+            let earlier = job
+                .resume
+                .as_ref()
+                .map(|saved| saved.lines(SHOWN).map_err(|error| wrong_in(&saved.lines_file(SHOWN), &error)));
+            let earlier = earlier.transpose()?.unwrap_or_default();
+            Shown::File(ShownFile::create(folder.staging(), earlier).map_err(Failure::runtime)?)
+        }
     };
     let Some(saved) = &job.resume else {
-        let saving = if is_saved { Saving::Later } else { Saving::Off };
+        let begun = BegunRun { load_memory: job.load_memory.as_ref().map(|path| path.display().to_string()) };
+        let saving = if is_saved { Saving::Later(begun) } else { Saving::Off };
         return Ok((WriterOutcome::new(folder, outputs, saving, shown), RunCounts::default()));
     };
     inform!("going on after frame {} of the scene", saved.state.next);
     let saving = match is_saved {
-        true => Saving::On(StateWriter::start(&job.out, Some(saved)).map_err(Failure::runtime)?),
+        true => Saving::On(StateWriter::resume(&job.out, saved).map_err(Failure::runtime)?),
         false => Saving::Off,
     };
     let mut written = WriterOutcome::new(folder, outputs, saving, shown);

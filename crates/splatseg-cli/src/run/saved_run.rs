@@ -25,6 +25,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File, OpenOptions};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
+use std::time::UNIX_EPOCH;
 
 /// Name of the folder inside the folder of results.
 pub const FOLDER: &str = ".splatseg-resume";
@@ -33,6 +34,8 @@ pub const FOLDER: &str = ".splatseg-resume";
 const FORM: u32 = 2;
 
 const STATE: &str = "state.json";
+/// File with what a run that is stopped before its first state needs to start anew.
+const BEGUN: &str = "begun.json";
 const FRAMES: &str = "frames";
 /// Extension of files with a line for each frame.
 const LINES: &str = ".jsonl";
@@ -77,6 +80,42 @@ pub struct RunState {
     pub settings: Value,
     /// The names of the run's outputs.
     pub outputs: Vec<String>,
+    /// The map that the run was started with, as given on the command line, and what tells whether the file is still the same.
+    #[serde(default)]
+    pub loaded_map: Option<LoadedMap>,
+    /// The files outside the folder of results as given on the command line, by their options.
+    #[serde(default)]
+    pub extra_files: BTreeMap<String, String>,
+}
+
+/// A map that a run was started with.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoadedMap {
+    /// Path as given on the command line.
+    pub path: String,
+    /// Size of the file, bytes.
+    pub bytes: u64,
+    /// Time of its last change, nanoseconds since 1970.
+    pub modified: u64,
+}
+
+impl LoadedMap {
+    /// The file as it is now. `None` if it cannot be read.
+    pub fn of(path: &Path) -> Option<Self> {
+        let metadata = fs::metadata(path).ok()?;
+        let modified = metadata.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
+        let modified = u64::try_from(modified.as_nanos()).ok()?;
+        Some(Self { path: path.display().to_string(), bytes: metadata.len(), modified })
+    }
+}
+
+/// What is known of a run before its first state.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BegunRun {
+    /// The map that it was started with, as given on the command line.
+    pub load_memory: Option<String>,
 }
 
 impl RunState {
@@ -96,6 +135,8 @@ impl RunState {
             earlier_ids: 0,
             settings: serde_json::to_value(settings).map_err(Failure::runtime)?,
             outputs: outputs.iter().map(|output| output.name().to_owned()).collect(),
+            loaded_map: None,
+            extra_files: BTreeMap::new(),
         })
     }
 
@@ -176,6 +217,30 @@ impl SavedRun {
         // A run that ends by itself writes a summary.
         let was_killed = out.join(MANIFEST).is_file() && !out.join(SUMMARY).exists();
         Self::settings_file(out).is_none() && (is_saving || was_killed)
+    }
+
+    /// What is known of a run in `out` that was stopped before its first state.
+    pub fn begun(out: &Path) -> BegunRun {
+        let bytes = read_file(&out.join(FOLDER).join(BEGUN), MAX_STATE_BYTES).ok();
+        bytes.and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
+    }
+
+    /// The map that the run was started with, if the file is still the same.
+    ///
+    /// # Errors
+    /// If it is not.
+    pub fn loaded_map(&self) -> Result<Option<PathBuf>, Failure> {
+        let Some(loaded) = &self.state.loaded_map else { return Ok(None) };
+        let path = PathBuf::from(&loaded.path);
+        if LoadedMap::of(&path).as_ref() == Some(loaded) {
+            return Ok(Some(path));
+        }
+        Err(Failure::input(format!("{}: is not the file that the run was started with any more", loaded.path)))
+    }
+
+    /// The file that the run was started with for an option, such as `--save-memory`.
+    pub fn extra_file(&self, option: &str) -> Option<PathBuf> {
+        self.state.extra_files.get(option).map(PathBuf::from)
     }
 
     /// Opens the stopped run in `out`, if there is one that can be resumed.
@@ -339,26 +404,30 @@ pub struct StateWriter {
 }
 
 impl StateWriter {
-    /// Starts saving a run whose results are in `out`. `after` is the earlier run if it is resumed.
+    /// Starts saving a run whose results are in `out`.
     ///
     /// # Errors
     /// If the folder cannot be written.
-    pub fn start(out: &Path, after: Option<&SavedRun>) -> std::io::Result<Self> {
+    pub fn start(out: &Path, begun: &BegunRun) -> std::io::Result<Self> {
         let folder = out.join(FOLDER);
-        match after {
-            None => {
-                remove(out)?;
-                fs::create_dir(&folder)?;
-            }
-            Some(saved) => {
-                for entry in fs::read_dir(&folder)? {
-                    let path = entry?.path();
-                    if path.file_name().is_some_and(|file| is_leftover(&file.to_string_lossy())) {
-                        fs::remove_file(&path)?;
-                    } else if path.extension().is_some_and(|extension| LINES.ends_with(&*extension.to_string_lossy())) {
-                        cut_lines(&path, saved.state.frames)?;
-                    }
-                }
+        remove(out)?;
+        fs::create_dir(&folder)?;
+        write_unsynced(&folder.join(BEGUN), &serde_json::to_vec(begun)?)?;
+        Ok(Self { folder, lines: BTreeMap::new() })
+    }
+
+    /// Goes on saving a run whose results are in `out`.
+    ///
+    /// # Errors
+    /// If the folder cannot be written.
+    pub fn resume(out: &Path, saved: &SavedRun) -> std::io::Result<Self> {
+        let folder = out.join(FOLDER);
+        for entry in fs::read_dir(&folder)? {
+            let path = entry?.path();
+            if path.file_name().is_some_and(|file| is_leftover(&file.to_string_lossy())) {
+                fs::remove_file(&path)?;
+            } else if path.extension().is_some_and(|extension| LINES.ends_with(&*extension.to_string_lossy())) {
+                cut_lines(&path, saved.state.frames)?;
             }
         }
         Ok(Self { folder, lines: BTreeMap::new() })
@@ -450,7 +519,9 @@ pub fn remove(out: &Path) -> std::io::Result<()> {
     };
     for entry in entries {
         let file = entry?.file_name();
-        let is_ours = |file: &str| file == STATE || file.ends_with(LINES) || is_state_file(file) || is_leftover(file);
+        let is_ours = |file: &str| {
+            [STATE, BEGUN].contains(&file) || file.ends_with(LINES) || is_state_file(file) || is_leftover(file)
+        };
         if file.to_str().is_some_and(is_ours) {
             fs::remove_file(folder.join(file))?;
         }

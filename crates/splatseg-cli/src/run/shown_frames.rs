@@ -26,13 +26,15 @@ pub struct ShownFile {
 }
 
 impl ShownFile {
-    /// Creates the file in a folder.
+    /// Creates the file in a folder, with these lines of frames.
     ///
     /// # Errors
-    /// If it cannot be created.
-    pub fn create(folder: &Path) -> io::Result<Self> {
+    /// If it cannot be written.
+    pub fn create(folder: &Path, lines: Vec<String>) -> io::Result<Self> {
         let path = folder.join(format!("{SHOWN}.jsonl"));
-        Ok(Self { file: File::create(&path)?, path })
+        let mut shown = Self { file: File::create(&path)?, path };
+        lines.into_iter().try_for_each(|line| shown.add(line.into_bytes()))?;
+        Ok(shown)
     }
 
     /// Appends a frame.
@@ -128,12 +130,13 @@ mod tests {
     #[test]
     fn frames_come_back_as_they_were() {
         let folder = tempfile::tempdir().unwrap();
-        let mut file = ShownFile::create(folder.path()).unwrap();
+        let mut file = ShownFile::create(folder.path(), vec!["\"earlier\"".to_owned()]).unwrap();
         let frames = [frame(true), frame(false)];
         for frame in &frames {
             file.add(line(&frame.segments, frame.regions.as_ref()).unwrap()).unwrap();
         }
-        let lines = read(file.path()).unwrap();
+        let mut lines = read(file.path()).unwrap();
+        assert_eq!(lines.next().unwrap().unwrap(), "\"earlier\"");
         let found: Vec<ShownFrame> = lines.map(|line| parsed(&line.unwrap(), (7, 5)).unwrap()).collect();
         assert_eq!(found, frames);
     }

@@ -174,6 +174,9 @@ fn a_coco_file_replaces_nothing_else() {
     assert_eq!(fs::read_to_string(&coco).unwrap(), "{}");
     let result = out.join("objects.json");
     refused(&["--save-coco", result.to_str().unwrap()], "is reserved for other results");
+    for around in [&out, out.parent().unwrap()] {
+        refused(&["--save-memory", around.to_str().unwrap()], "is the folder of --out, or one around it");
+    }
     let twice = folder.path().join("both");
     let twice = twice.to_str().unwrap();
     refused(&["--save-coco", twice, "--save-memory", twice], "is the file of --save-memory");

@@ -80,6 +80,11 @@ fn the_recording_of_a_run_has_the_exported_grid_and_its_list_the_rooms() {
         assert!(object.room.as_ref().is_none_or(is_in));
     }
     assert!(list.objects.iter().filter(|object| object.room.is_some()).count() >= 5);
+    let inspected = finish(splatseg().current_dir(folder).args(["inspect", "map.ply", "--json"]));
+    let inspected: serde_json::Value = serde_json::from_str(&inspected.out).unwrap();
+    let rooms: Vec<Option<u64>> =
+        inspected["objects"].as_array().unwrap().iter().map(|object| object["room"].as_u64()).collect();
+    assert_eq!(rooms, list.objects.iter().map(|object| object.room.map(u64::from)).collect::<Vec<_>>());
     let csv = fs::read_to_string(folder.join("out/objects.csv")).unwrap();
     let rooms: Vec<&str> = csv.lines().map(|line| line.rsplit(',').nth(2).unwrap()).collect();
     assert_eq!(rooms[0], "room");

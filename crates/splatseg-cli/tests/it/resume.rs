@@ -86,6 +86,56 @@ fn a_run_killed_before_its_first_state_starts_anew() {
 }
 
 #[test]
+fn a_resumed_run_of_a_loaded_map_has_its_changes_and_its_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let [map, later, saved, coco] =
+        ["map.ply", "later.ply", "saved.ply", "coco.json"].map(|name| path_text(&folder.path().join(name)));
+    let [first, whole, out] = ["first", "whole", "out"].map(|name| folder.path().join(name));
+    let ended = run(&first, &["--max-frames", "12", "--save-memory", &map]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    let with = |memory: &str| ["--load-memory", &map, "--save-memory", memory].map(str::to_owned);
+    let expected = with(&later);
+    assert_eq!(run(&whole, &expected.each_ref().map(String::as_str)).code, 0);
+    let more = ["--save-coco", &coco, "--save-every"].map(str::to_owned);
+    let options: Vec<String> = with(&saved).into_iter().chain(more).collect();
+    let options: Vec<&str> = options.iter().map(String::as_str).collect();
+
+    // Killed before its first state, and after it; the second time with the map named again.
+    stop_at(3, "-KILL", &out, &[&options[..], &["1000"]].concat());
+    let refused = run(&out, &["--resume", "--load-memory", &later]);
+    assert!(refused.code == 2 && refused.err.contains("the run was started with"), "{}", refused.err);
+    assert_eq!(run(&out, &["--resume", "--save-memory", &saved]).code, 0);
+    let same = |what: &str| {
+        assert!(fs::read(&saved).unwrap() == fs::read(&later).unwrap(), "{what}: the map differs");
+        let [expected, found] = [&whole, &out].map(|out| files(out));
+        assert!(found == expected, "{what}: {:?}", found.keys().find(|file| expected.get(*file) != found.get(*file)));
+    };
+    same("started anew");
+    for (name, again) in [("killed", &["--resume"][..]), ("and named", &["--resume", "--load-memory", &map])] {
+        for file in [&saved, &coco] {
+            let _ = fs::remove_file(file);
+        }
+        fs::remove_dir_all(&out).unwrap();
+        stop_at(9, "-KILL", &out, &[&options[..], &["4"]].concat());
+        assert!(out.join(".splatseg-resume/state.json").exists());
+        let ended = run(&out, again);
+        assert_eq!(ended.code, 0, "{}", ended.err);
+        assert!(ended.err.contains("since the loaded map: "), "{}", ended.err);
+        same(name);
+        assert!(Path::new(&coco).exists(), "its options need not be given again");
+    }
+    // Without saving any more; and the loaded map is another one by now.
+    fs::remove_dir_all(&out).unwrap();
+    stop_at(9, "-INT", &out, &[&options[..], &["4", "--overwrite"]].concat());
+    fs::copy(&later, &map).unwrap();
+    let ended = run(&out, &["--resume", "--save-every", "0"]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    assert!(ended.err.contains("is not the file that the run was started with any more"), "{}", ended.err);
+    assert!(!out.join("changes.json").exists());
+    assert!(fs::read(&saved).unwrap() == fs::read(&later).unwrap(), "the map differs");
+}
+
+#[test]
 fn a_resumed_run_writes_the_same_bytes() {
     resumed_runs_write_the_same_bytes([&["--set", "memory.kind=evidence"], &["--poses", "track"]]);
 }
