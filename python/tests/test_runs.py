@@ -81,6 +81,21 @@ def test_a_run_that_is_not_possible_raises(tmp_path):
             ss.run(source, target, **more)
     with pytest.raises(TypeError, match="segmenter is a function"):
         ss.run(ROOM, tmp_path / "new", segmenter=lambda rgb, depth: None)
+    with pytest.raises(TypeError, match="depth_predictor is a function"):
+        ss.run(ROOM, tmp_path / "new", depth_predictor=lambda rgb: None)
+
+    class Own(ss.Graph):
+        def __call__(self, *frame, **more):
+            return super().__call__(*frame, **more)
+
+    with pytest.raises(TypeError, match="segmenter is of type Own, which has its own __call__"):
+        ss.run(ROOM, tmp_path / "new", segmenter=Own())
+
+
+def test_a_run_has_the_settings_of_its_segmenter_and_the_keywords(tmp_path):
+    run = ss.run(ROOM, tmp_path / "out", segmenter=ss.Graph(min_area=50), graph={"max_pixels": 70000}, page=False)
+    graph = run.summary["settings"]["graph"]
+    assert (graph["min_area"], graph["max_pixels"]) == (50, 70000)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")

@@ -28,6 +28,44 @@ def test_a_function_is_a_segmenter(room):
         np.testing.assert_array_equal(results[name], results["graph"], err_msg=name)
 
 
+def test_a_subclass_with_its_own_call_is_called(room):
+    calls = []
+
+    class Own(ss.Segmenter):
+        def __call__(self, rgb, depth=None, K=None, **more):
+            calls.append(depth.shape)
+            return np.ones((1, *depth.shape), bool), [1.0]
+
+    class Logged(ss.Graph):
+        def __call__(self, *frame, **more):
+            calls.append("graph")
+            return super().__call__(*frame, **more)
+
+    assert len(step(ss.FastSamSplat(segmenter=Own()), room[0]).objects) == 1
+    assert calls == [room[0].depth.shape]
+    found = step(ss.FastSamSplat(segmenter=Logged()), room[0])
+    assert calls[1:] == ["graph"] and len(found.objects) > 1
+
+    class Named(ss.Graph):
+        """Only another name."""
+
+    assert ss.FastSamSplat(segmenter=Named(min_area=50)).settings["graph"]["min_area"] == 50
+
+
+def test_keywords_override_the_settings_of_a_segmenter():
+    for keywords, expected in [
+        ({"graph": {"max_pixels": 70_000}}, (50, 70_000)),
+        ({"graph": {"min_area": 70}}, (70, 120_000)),
+        ({"graph.min_area": 70}, (70, 120_000)),
+        ({"graph": None}, (50, 120_000)),
+    ]:
+        settings = ss.FastSamSplat(segmenter=ss.Graph(min_area=50), **keywords).settings["graph"]
+        assert (settings["min_area"], settings["max_pixels"]) == expected
+    weights = ss.Affinity("nothing.safetensors")
+    with pytest.raises(ValueError, match=r"other\.safetensors"):
+        ss.FastSamSplat(segmenter=weights, weights="other.safetensors")
+
+
 def test_a_function_may_return_ids(room):
     frame = room[0]
     halves = np.zeros(frame.depth.shape, np.int64)

@@ -20,7 +20,8 @@ from .predicted_depth import with_network
 from .progress import with_progress
 from .result import StepResult
 from .scene import Scene, open_scene
-from .segmenters import Segmenter
+from .segmenters import Segmenter, chosen
+from .settings import combined
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -71,17 +72,9 @@ class Pipeline:
         saved_memory: str | os.PathLike[str] | None,
         keep_views: bool,
     ) -> None:
+        of_segmenter, function = chosen(segmenter)
         settings = {**settings, "method": method if method is not None else self._method}
-        function = None
-        if isinstance(segmenter, Segmenter):
-            for name, value in segmenter.settings.items():
-                both = isinstance(value, dict) and isinstance(settings.get(name), dict)
-                settings[name] = {**value, **settings[name]} if both else settings.get(name, value)
-        elif callable(segmenter):
-            function = segmenter
-        elif segmenter is not None:
-            settings["segmenter"] = segmenter
-        settings = with_network(settings)
+        settings = combined(of_segmenter, with_network(settings))
         predictor, used = settings.get("depth_predictor"), None
         if callable(predictor):
             settings.pop("depth_predictor")

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _splatseg
+from .settings import combined
 
 
 class Depth:
@@ -41,8 +42,7 @@ def with_network(settings: dict[str, Any]) -> dict[str, Any]:
     predictor = settings.get("depth_predictor")
     if not isinstance(predictor, Depth):
         return settings
-    section = {**predictor.settings["depth_anything"], **settings.get("depth_anything", {})}
-    return {**settings, **predictor.settings, "depth_anything": section}
+    return combined(predictor.settings, {**settings, "depth_predictor": None})
 
 
 def depth(weights: str | os.PathLike[str], *, short_side: int = 252, output: str = "auto") -> Depth:

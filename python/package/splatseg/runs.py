@@ -12,7 +12,9 @@ from typing import Any
 
 from .command import PROGRAM
 from .objects import Objects, parse
-from .segmenters import Segmenter
+from .predicted_depth import Depth, with_network
+from .segmenters import Segmenter, chosen
+from .settings import combined
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,30 +61,19 @@ def run(
     its results, and ``KeyboardInterrupt`` is raised. Raises ``ValueError`` for a scene or a setting that cannot be used, and
     ``RuntimeError`` if the run fails.
     """
-    if isinstance(segmenter, Segmenter):
-        settings = {**segmenter.settings, **settings}
-    elif callable(segmenter):
-        raise TypeError("segmenter is a function: use FastSamSplat(segmenter=function).run(source)")
-    elif segmenter is not None:
-        settings["segmenter"] = segmenter
+    of_segmenter, function = chosen(segmenter)
+    if function is not None:
+        kind = f"of type {type(segmenter).__name__}, which has its own __call__" if isinstance(segmenter, Segmenter) else "a function"
+        raise TypeError(f"segmenter is {kind}: use FastSamSplat(segmenter=...).run(source)")
+    if callable(settings.get("depth_predictor")) and not isinstance(settings["depth_predictor"], Depth):
+        raise TypeError("depth_predictor is a function: use FastSamSplat(depth_predictor=...).run(source)")
     arguments = ["run", f"--out={os.fspath(out)}"]
     paths = {"--config": config, "--load-memory": load_memory, "--save-memory": save_memory}
     arguments += [f"{name}={os.fspath(path)}" for name, path in paths.items() if path is not None]
     arguments += ["--overwrite"] if overwrite else []
-    arguments += [f"--set={key}={_text(value)}" for key, value in _flat(settings).items()]
+    arguments += [f"--set={key}={_text(value)}" for key, value in combined(of_segmenter, with_network(settings)).items()]
     _execute([*arguments, "--", os.fspath(source)])
     return Run(Path(out), json.loads((Path(out) / "summary.json").read_text()))
-
-
-def _flat(settings: dict[str, Any], section: str = "") -> dict[str, Any]:
-    """Settings by their full names."""
-    flat: dict[str, Any] = {}
-    for name, value in settings.items():
-        if isinstance(value, dict):
-            flat.update(_flat(value, f"{section}{name}."))
-        elif value is not None:
-            flat[f"{section}{name}"] = value
-    return flat
 
 
 def _text(value: Any) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,10 @@ from . import _splatseg
 
 
 class Segmenter:
-    """A segmenter of splatseg. Pass it to a pipeline, or call it: ``masks, scores = segmenter(rgb, depth)``."""
+    """A segmenter of splatseg. Pass it to a pipeline, or call it: ``masks, scores = segmenter(rgb, depth)``.
+
+    A pipeline calls a subclass that has a ``__call__`` of its own as it calls a function.
+    """
 
     def __init__(self, **settings: Any) -> None:
         self.settings = settings
@@ -42,6 +46,17 @@ class Segmenter:
             given.update(value if isinstance(value, dict) else {name: value})
         settings = ", ".join(f"{name}={value!r}" for name, value in given.items() if name != "segmenter")
         return f"splatseg.{type(self).__name__}({settings})"
+
+
+def chosen(segmenter: Any) -> tuple[dict[str, Any], Callable[..., Any] | None]:
+    """The settings that choose a segmenter, and the function to call if it is none of the library's."""
+    if isinstance(segmenter, Segmenter):
+        if type(segmenter).__call__ is Segmenter.__call__:
+            return segmenter.settings, None
+        return {}, segmenter
+    if callable(segmenter):
+        return {}, segmenter
+    return {"segmenter": segmenter}, None
 
 
 class Graph(Segmenter):
