@@ -2,15 +2,17 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
 import time
+import warnings
 
 import numpy as np
 import pytest
 import splatseg as ss
-from conftest import ROOM, command, step
+from conftest import ROOM, ROOT, command, step
 
 
 def test_a_pipeline_runs_over_a_scene(room):
@@ -33,6 +35,48 @@ def test_a_source_that_cannot_be_run_is_told_at_once(room):
         pipeline.run(room, stride=2)
     with pytest.raises(TypeError, match=r"dataset\.strid, did you mean"):
         pipeline.run(ROOM, strid=2)
+
+
+def test_a_path_is_opened_with_the_settings_of_the_pipeline(tmp_path, room):
+    pipeline = ss.FastSamSplat(segmenter="graph", dataset={"stride": 3, "resize": "48x36"})
+    found = list(pipeline.run(ROOM))
+    assert [result.name for result in found] == [frame.name for frame in room[::3]]
+    assert found[0].ids.shape == (36, 48)
+    for settings in [{"stride": 4}, {"dataset.stride": 4}]:
+        assert len(list(pipeline.run(ROOM, **settings))) == 2
+    # The settings of an earlier run.
+    ss.run(ROOM, tmp_path / "out", segmenter="graph", page=False, dataset={"max_frames": 2})
+    again = ss.FastSamSplat(config=tmp_path / "out/summary.json")
+    assert len(list(again.run(ROOM))) == 2
+
+
+def test_poses_of_a_path_are_converted_once(tmp_path):
+    scene = tmp_path / "scene"
+    shutil.copytree(ROOT / "crates/dataset/tests/data/folder/room", scene)
+    settings = {"pose_convention": "opengl", "pose_scale": 0.5}
+    expected = [frame.camera_to_world for frame in ss.open_scene(scene, **settings)]
+    pipeline = ss.FastSamSplat(segmenter="graph", dataset=settings)
+    plain = ss.FastSamSplat(segmenter="graph")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for results in [pipeline.run(scene), plain.run(scene, **settings)]:
+            for result, pose in zip(results, expected, strict=True):
+                np.testing.assert_allclose(result.camera_to_world, pose, atol=1e-6)
+    with pytest.raises(TypeError, match="pose_scale: the pipeline has dataset.pose_scale already"):
+        pipeline.run(scene, pose_scale=0.5)
+
+
+def test_with_strict_input_a_frame_that_cannot_be_used_ends_a_run(tmp_path):
+    scene = tmp_path / "scene"
+    shutil.copytree(ROOT / "crates/dataset/tests/data/folder/room", scene)
+    sorted((scene / "color").iterdir())[1].write_bytes(b"not a picture")
+    with pytest.warns(UserWarning, match="frame skipped"):
+        assert len(list(ss.FastSamSplat(segmenter="graph").run(scene))) == 3
+    for source in [scene, ss.open_scene(scene)]:
+        results = ss.FastSamSplat(segmenter="graph", strict_input=True).run(source)
+        next(results)
+        with pytest.raises(ValueError, match="strict_input ends the run"):
+            list(results)
 
 
 def test_a_run_shows_its_progress_if_it_can(room, monkeypatch, capsys):

@@ -104,10 +104,16 @@ def test_names_stay_in_the_file(saved: Path, tmp_path: Path) -> None:
     assert (plan.rooms[0].name, plan.rooms[0].name_source) == ("hall", "by_hand")
     id = next(id for id, one in plan.footprints.items() if one.room == room.id)
     home.name_object(id, "bed")
-    home.save(tmp_path / "named.ply")
+    (tmp_path / "named.ply").write_text("precious")
+    with pytest.raises(FileExistsError, match="overwrite=True"):
+        home.save(tmp_path / "named.ply")
+    assert (tmp_path / "named.ply").read_text() == "precious"
+    home.save(tmp_path / "named.ply", overwrite=True)
     again = ss.SavedMap(tmp_path / "named.ply")
     graph = again.scene_graph()
     assert (graph.rooms[0].name, graph.rooms[0].name_source) == ("hall", "by_hand")
     assert again.floor_plan().footprints[id].label == "bed"
+    again.save()
+    again.save(tmp_path / "named.ply")
     again.name_room(plan := again.floor_plan(), room.id, None)
     assert (plan.rooms[0].name, plan.rooms[0].name_source) == ("bedroom", "derived")

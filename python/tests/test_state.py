@@ -45,10 +45,12 @@ def test_two_maps_become_one(saved, tmp_path):
     objects = report["objects"]
     assert objects and all(o["id"] in o["earlier"] and o["earlier"] == o["later"] for o in objects)
     assert {o["id"] for o in objects} <= set(ss.FastSamSplat.load(tmp_path / "home.ply").memory.segment_ids.tolist())
-    given = ss.merge(saved, saved, tmp_path / "home.ply", transform=np.eye(4))
+    with pytest.raises(FileExistsError, match=r"home\.ply: exists: pass overwrite=True"):
+        ss.merge(saved, saved, tmp_path / "home.ply", transform=np.eye(4))
+    given = ss.merge(saved, saved, tmp_path / "home.ply", transform=np.eye(4), overwrite=True)
     assert given["keyframes"]["later_recognised"] == 0 and len(given["objects"]) == len(objects)
     with pytest.raises(ValueError, match=r"transform has the shape \(3, 4\)"):
-        ss.merge(saved, saved, tmp_path / "home.ply", transform=np.eye(4)[:3])
+        ss.merge(saved, saved, tmp_path / "no.ply", transform=np.eye(4)[:3])
     with pytest.raises(ValueError, match="missing.ply"):
         ss.merge(saved, tmp_path / "missing.ply", tmp_path / "no.ply")
     assert not (tmp_path / "no.ply").exists()

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import _splatseg
+from .files import require_new
 
 
 def merge(
@@ -18,6 +19,7 @@ def merge(
     out: str | os.PathLike[str],
     *,
     transform: ArrayLike | None = None,
+    overwrite: bool = False,
 ) -> dict[str, Any]:
     """Makes one map of two maps of a place, from two days or two robots, as ``splatseg merge`` does.
 
@@ -28,9 +30,10 @@ def merge(
         merged = ss.merge("monday.ply", "tuesday.ply", "home.ply")
         print(merged["transform"], [o["id"] for o in merged["objects"] if o["earlier"] and o["later"]])
 
-    Returns the report that docs/MERGING.md describes. Raises ``ValueError`` if a file cannot be used or the maps do not fit;
-    then no file is written.
+    Returns the report that docs/MERGING.md describes. Raises ``FileExistsError`` if ``out`` exists, unless ``overwrite``, and
+    ``ValueError`` if a file cannot be used or the maps do not fit; then no file is written.
     """
+    require_new(out, overwrite)
     pose: list[float] | None = None
     if transform is not None:
         matrix = np.asarray(transform, np.float64)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Sized
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _splatseg
+from .files import require_new
 from .frame import Frame
 from .memory import Memory
 from .naming import Names
@@ -30,6 +31,9 @@ Masks = NDArray[np.bool_] | NDArray[np.integer]
 SegmenterLike = str | Segmenter | Callable[[NDArray[np.uint8], NDArray[np.float32]], Masks | tuple[Masks, ArrayLike]]
 
 Name = str | ArrayLike | tuple[str | None, ArrayLike | None] | None
+
+# The settings of poses that need no conversion.
+_POSES_AS_THEY_ARE = {"pose_convention": "camera-to-world", "quaternion_order": "xyzw", "pose_scale": 1.0}
 
 
 class Pipeline:
@@ -164,26 +168,41 @@ class Pipeline:
             for r in seg.run("drive.mcap", stride=2):
                 print(r.name, len(r.objects))
 
-        ``source`` is what :func:`splatseg.open_scene` opens with ``settings``, or a scene or other frames. A terminal or
-        notebook shows a progress bar if tqdm is installed; ``progress`` demands it (``True``) or leaves it out
+        ``source`` is what :func:`splatseg.open_scene` opens with ``settings``, or a scene or other frames. A path is opened with
+        the pipeline's settings of the section ``dataset``, which ``settings`` override. With ``strict_input=True``, a frame of a
+        path or scene that cannot be used raises ``ValueError``, where it is skipped otherwise. A terminal or notebook shows a progress bar if tqdm is installed; ``progress`` demands it (``True``) or leaves it out
         (``False``).
 
         Raises what :func:`splatseg.open_scene` and :meth:`step` do, ``ValueError`` if the scene has no depth and none is
         predicted in its place, and ``ImportError`` if a demanded bar is not possible.
         """
-        frames: Iterable[Frame] = open_scene(source, **settings) if isinstance(source, str | os.PathLike) else source
-        if settings and frames is source:
+        is_path = isinstance(source, str | os.PathLike)
+        frames: Iterable[Frame] = self._open(source, settings) if is_path else source
+        if settings and not is_path:
             raise TypeError(f"{', '.join(settings)}: settings are for a source that is opened here: a path")
         if isinstance(frames, Scene) and not frames.has_depth and not self._pipeline.predicts_all_depth:
             raise ValueError(
                 f"{frames.path}: colour without depth, and depth is needed: make the pipeline with "
                 'depth_predictor=ss.depth(FILE), predicted_depth="all"'
             )
-        shown = with_progress(frames, progress)
+        total = len(frames) if isinstance(frames, Sized) else None
+        if isinstance(frames, Scene) and self.settings["strict_input"]:
+            frames = frames._usable_frames()
+        shown = with_progress(frames, progress, total)
         return (
             self.step(f.rgb, f.depth, K=f.K, camera_to_world=f.camera_to_world, timestamp=f.timestamp, name=f.name)
             for f in shown
         )
+
+    def _open(self, path: str | os.PathLike[str], settings: dict[str, Any]) -> Scene:
+        """Opens a scene with the settings of this pipeline and others."""
+        own = {f"dataset.{name}": value for name, value in self.settings["dataset"].items()}
+        # `step` converts the poses.
+        converted = {name: own.pop(f"dataset.{name}") for name in _POSES_AS_THEY_ARE}
+        for name, value in converted.items():
+            if value != _POSES_AS_THEY_ARE[name] and (name in settings or f"dataset.{name}" in settings):
+                raise TypeError(f"{name}: the pipeline has dataset.{name} already, and converts the poses")
+        return open_scene(path, **{**own, **settings})
 
     def settle(self) -> bool:
         """Decides from all frames so far which parts of the map are one object.
@@ -315,8 +334,7 @@ class Pipeline:
 
         Raises ``FileExistsError`` if the file exists, unless ``overwrite``; ``ValueError`` without a memory.
         """
-        if not overwrite and os.path.lexists(path):
-            raise FileExistsError(f"{os.fspath(path)}: exists: pass overwrite=True to replace it")
+        require_new(path, overwrite)
         self._pipeline.save(path)
 
     def __repr__(self) -> str:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from . import _splatseg
 from .command import PROGRAM
+from .files import require_new
 from .floor_plan import FloorPlan
 from .objects import Objects, parse
 from .scene_graph import SceneGraph, graph_of
@@ -110,8 +111,13 @@ class SavedMap:
         """
         self._map.name_room(plan._plan, number, name)
 
-    def save(self, path: str | os.PathLike[str] | None = None) -> None:
-        """Writes the map with its names, by default to the file that it was loaded from."""
+    def save(self, path: str | os.PathLike[str] | None = None, *, overwrite: bool = False) -> None:
+        """Writes the map with its names, by default to the file that it was loaded from.
+
+        Raises ``FileExistsError`` if another file exists, unless ``overwrite``.
+        """
+        if path is not None and not (os.path.exists(path) and self._path.exists() and self._path.samefile(path)):
+            require_new(path, overwrite)
         self._map.save(self._path if path is None else path)
 
     def export(self, out: str | os.PathLike[str], form: str, *, overwrite: bool = False, **options: Any) -> None:

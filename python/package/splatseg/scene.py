@@ -73,6 +73,13 @@ class Scene:
             else:
                 yield Frame(*item)
 
+    def _usable_frames(self) -> Iterator[Frame]:
+        """As iterating, but raises ``ValueError`` for a frame that cannot be used."""
+        for item in self._scene.frames():
+            if isinstance(item, str):
+                raise ValueError(f"{item} (strict_input ends the run)")
+            yield Frame(*item)
+
     def __repr__(self) -> str:
         return f"<splatseg.Scene {self.path!r}: {self.format}, {len(self)} frames>"
 
