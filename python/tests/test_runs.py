@@ -118,7 +118,7 @@ def test_a_run_that_is_not_possible_raises(tmp_path):
     (out / "file").write_text("")
     for source, target, more, message in [
         ("nowhere", tmp_path / "new", {}, "nowhere: does not exist"),
-        (ROOM, out, {}, "folder is not empty"),
+        (ROOM, out, {}, "folder is not empty: choose another out, or pass overwrite=True"),
         (ROOM, tmp_path / "new", {"sed": 3}, "there is no setting sed"),
     ]:
         with pytest.raises(ValueError, match=message):
@@ -137,9 +137,10 @@ def test_a_run_that_is_not_possible_raises(tmp_path):
 
 
 def test_a_run_has_the_settings_of_its_segmenter_and_the_keywords(tmp_path):
-    run = ss.run(ROOM, tmp_path / "out", segmenter=ss.Graph(min_area=50), graph={"max_pixels": 70000}, page=False)
+    run = ss.run(ROOM, tmp_path / "out", segmenter=ss.Graph(min_area=50), graph={"max_pixels": 70_000}, page=np.False_)
+    assert run.page is None
     graph = run.summary["settings"]["graph"]
-    assert (graph["min_area"], graph["max_pixels"]) == (50, 70000)
+    assert (graph["min_area"], graph["max_pixels"]) == (50, 70_000)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
@@ -157,3 +158,32 @@ def test_ctrl_c_ends_a_run_and_keeps_what_is_done(tmp_path):
     _, errors = process.communicate(timeout=30)
     assert process.returncode != 0 and "KeyboardInterrupt" in errors, errors
     assert (out / "summary.json").exists()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize("error", ["KeyboardInterrupt", "TimeoutError"])
+def test_an_exception_ends_the_process_of_a_run(tmp_path, error):
+    out = tmp_path / "out"
+    scene = ROOM.replace("frames=8", "frames=4000")
+    program = f"""
+import signal
+import splatseg as ss
+
+def fail(*_):
+    raise {error}
+
+signal.signal(signal.SIGINT, fail)
+ss.run({scene!r}, {str(out)!r}, segmenter="graph")
+"""
+    process = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 30
+    while not (out / "segments/frame-000002.png").exists():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    # As a notebook or a supervisor does: to this process alone.
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode != 0 and error in errors, errors
+    # The command has ended before the exception goes on.
+    summary = json.loads((out / "summary.json").read_text())
+    assert 3 <= summary["frames"] < 4000

@@ -37,6 +37,11 @@ class Depth:
         return f"<splatseg.Depth: {self.settings['depth_weights']}, {kind}>"
 
 
+def is_function(predictor: Any) -> bool:
+    """True for a callable that is no network of the library."""
+    return callable(predictor) and not isinstance(predictor, Depth)
+
+
 def with_network(settings: dict[str, Any]) -> dict[str, Any]:
     """Returns settings in which a :class:`Depth` as ``depth_predictor`` is replaced by the settings that choose it."""
     predictor = settings.get("depth_predictor")

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import signal
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .command import PROGRAM
 from .objects import Objects, parse
-from .predicted_depth import Depth, with_network
+from .predicted_depth import is_function, with_network
 from .segmenters import Segmenter, chosen
 from .settings import combined
 
@@ -57,15 +61,15 @@ def run(
     the file for the map. ``overwrite`` replaces an earlier run's files. ``config`` is a TOML file or the ``summary.json`` of a
     run; all other keywords are settings: ``seed=3``, ``dataset={"stride": 2}``, ``memory={"max_votes": 8}``.
 
-    The run is a process of its own, which shows its progress in a terminal. Ctrl-C ends it after the current frame; it keeps
-    its results, and ``KeyboardInterrupt`` is raised. Raises ``ValueError`` for a scene or a setting that cannot be used, and
-    ``RuntimeError`` if the run fails.
+    The run is a process of its own, which shows its progress in a terminal. Ctrl-C, or another exception in this program,
+    ends it after the current frame; it keeps its results, and the exception goes on. Raises ``ValueError`` for a
+    scene or a setting that cannot be used, and ``RuntimeError`` if the run fails.
     """
     of_segmenter, function = chosen(segmenter)
     if function is not None:
         kind = f"of type {type(segmenter).__name__}, which has its own __call__" if isinstance(segmenter, Segmenter) else "a function"
         raise TypeError(f"segmenter is {kind}: use FastSamSplat(segmenter=...).run(source)")
-    if callable(settings.get("depth_predictor")) and not isinstance(settings["depth_predictor"], Depth):
+    if is_function(settings.get("depth_predictor")):
         raise TypeError("depth_predictor is a function: use FastSamSplat(depth_predictor=...).run(source)")
     arguments = ["run", f"--out={os.fspath(out)}"]
     paths = {"--config": config, "--load-memory": load_memory, "--save-memory": save_memory}
@@ -78,7 +82,7 @@ def run(
 
 def _text(value: Any) -> str:
     """A value as the command reads it."""
-    if isinstance(value, bool):
+    if isinstance(value, bool | np.bool_):
         return "true" if value else "false"
     return os.fspath(value) if hasattr(value, "__fspath__") else str(value)
 
@@ -94,22 +98,40 @@ def _execute(arguments: list[str]) -> None:
         stdout=subprocess.DEVNULL,
         stderr=None if in_terminal else subprocess.PIPE,
         text=True,
+        # A second signal ends the command at once: it gets none from the terminal, only those that are passed on.
+        start_new_session=True,
     )
     error = "its message is above"
-    try:
-        for line in process.stderr or ():
-            if line.startswith("error: "):
-                error = line.removeprefix("error: ").strip()
-            else:
-                print(line, end="", file=sys.stderr)
-        process.wait()
-    except KeyboardInterrupt:
-        # The command has got the signal, too, and saves what it has.
-        process.wait()
-        raise
+    with process:
+        try:
+            for line in process.stderr or ():
+                if line.startswith("error: "):
+                    error = line.removeprefix("error: ").strip()
+                    error = error.replace("--out,", "out,").replace("give --overwrite", "pass overwrite=True")
+                else:
+                    print(line, end="", file=sys.stderr)
+            process.wait()
+        except BaseException:
+            _interrupt(process)
+            raise
     if process.returncode == 130:
         raise KeyboardInterrupt
     if process.returncode == 2:
         raise ValueError(error)
     if process.returncode != 0:
         raise RuntimeError(f"splatseg run ended with exit code {process.returncode}: {error}")
+
+
+def _interrupt(process: subprocess.Popen[str]) -> None:
+    """Ends the command after its current frame, so that it keeps its results. A second Ctrl-C ends it at once."""
+    while process.poll() is None:
+        try:
+            # Windows sends Ctrl-C to the command itself.
+            if os.name != "nt":
+                process.send_signal(signal.SIGINT)
+            for line in process.stderr or ():
+                with contextlib.suppress(OSError, ValueError):
+                    print(line, end="", file=sys.stderr)
+            process.wait()
+        except KeyboardInterrupt:
+            continue
