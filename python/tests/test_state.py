@@ -3,8 +3,11 @@
 import io
 import itertools
 import json
+import textwrap
+from types import SimpleNamespace
 
 import numpy as np
+import PIL.Image
 import pytest
 import splatseg as ss
 from conftest import command, step
@@ -37,6 +40,18 @@ def test_a_map_has_keyframes_with_small_images(saved):
     assert state["keyframes.state.json"]["next"] == count
     assert int(state["memory.anchors"][:, 1].sum()) == len(ss.FastSamSplat.load(saved).memory)
     assert state["memory.given_ids"].shape == ()
+
+
+def test_the_camera_of_a_keyframe_is_scaled_to_its_image(tmp_path):
+    """As the docstring of read_state does it."""
+    scene, out = "synthetic:frames=2,width=320,height=240,speed=0.1", tmp_path / "map.ply"
+    ended = command("run", scene, "--out", str(tmp_path / "out"), "--save-memory", str(out), "--set=poses=track", "--no-page")
+    assert ended.returncode == 0, ended.stderr
+    code = ss.read_state.__doc__.partition("::\n")[2].partition("\n    All arrays")[0]
+    values = {"splatseg": SimpleNamespace(read_state=lambda _: ss.read_state(out)), "PIL": PIL, "io": io}
+    exec(textwrap.dedent(code), values)  # noqa: S102
+    assert values["image"].size == (320, 240)
+    np.testing.assert_allclose(values["K"], ss.open_scene(scene)[0].K, atol=0.01)
 
 
 def test_two_maps_become_one(saved, tmp_path):

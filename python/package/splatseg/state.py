@@ -34,13 +34,17 @@ def read_state(path: str | os.PathLike[str]) -> dict[str, Any]:
     that wrote the file. Arrays cannot be changed; copy them for that. Also reads the ``.safetensors``
     files in ``.splatseg-resume``.
 
-    Row ``k`` of ``keyframes.id``, ``keyframes.world_from_camera``, ``keyframes.intrinsics`` and ``keyframes.size``
-    belongs to keyframe ``k``, and so do the bytes of ``keyframes.color`` from ``keyframes.color_offsets[k]`` to
-    ``keyframes.color_offsets[k + 1]``: a small JPEG file::
+    Row ``k`` of ``keyframes.id`` and ``keyframes.world_from_camera`` belongs to keyframe ``k``, and so do the bytes of
+    ``keyframes.color`` from ``keyframes.color_offsets[k]`` to ``keyframes.color_offsets[k + 1]``: a small JPEG file.
+    ``keyframes.size`` (width and height) and ``keyframes.intrinsics`` (fx, fy, cx, cy, pixels) are those of
+    ``keyframes.grey`` and ``keyframes.depth``. The JPEG may be larger, up to 320 pixels wide or high: scale them to it::
 
         state = splatseg.read_state("map.ply")
         start, end = state["keyframes.color_offsets"][:2]
-        PIL.Image.open(io.BytesIO(state["keyframes.color"][start:end])).show()
+        image = PIL.Image.open(io.BytesIO(state["keyframes.color"][start:end]))
+        (fx, fy, cx, cy), (width, height) = state["keyframes.intrinsics"][0], state["keyframes.size"][0]
+        x, y = image.width / width, image.height / height
+        K = [[fx * x, 0, (cx + 0.5) * x - 0.5], [0, fy * y, (cy + 0.5) * y - 0.5], [0, 0, 1]]
 
     All arrays are described in docs/SAVED_STATE.md. Raises ``ValueError`` for a file that is damaged or of another
     version, and ``OSError`` if it cannot be read.
