@@ -72,6 +72,8 @@ def markdown(docstring: str) -> str:
     text = re.sub(r":(?:meth|func|class|attr):`([^`]+)`", r"`\1`", docstring).replace("``", "`")
     lines: list[str] = []
     for block in re.split(r"\n\n+", text):
+        if not block:
+            continue
         indented = all(line.startswith("    ") for line in block.splitlines())
         if indented or block.startswith(">>>"):
             # A block of several paragraphs is one block of code.

@@ -51,6 +51,8 @@ mod _splatseg {
     use super::scene::{Frames, Scene};
     #[pymodule_export]
     use super::segmenter::Segmenter;
+    #[pymodule_export]
+    use super::settings::check_settings;
 
     #[pymodule_export]
     #[allow(non_upper_case_globals, reason = "Python's name for it")]

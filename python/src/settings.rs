@@ -17,6 +17,12 @@ pub fn layers(arguments: &Bound<'_, PyDict>, short_section: Option<&str>) -> PyR
     Ok(layers)
 }
 
+/// Checks names and values of settings. Opens no file.
+#[pyfunction]
+pub fn check_settings(settings: &Bound<'_, PyDict>) -> PyResult<()> {
+    layers(settings, None)?.resolve_shared().map(drop).map_err(settings_error)
+}
+
 /// Resolves layers to settings.
 ///
 /// # Errors

@@ -1,7 +1,11 @@
 """The examples run."""
 
+import doctest
+import importlib
 import importlib.util
+import inspect
 import json
+import pkgutil
 import re
 import subprocess
 import sys
@@ -45,6 +49,31 @@ def test_a_frame_of_a_camera(room):
     names |= {"depth": np.round(frame.depth * 1000).astype(np.uint16), "time": 1.5}
     exec(python_blocks("python/README.md")[1], names)  # noqa: S102
     assert names["r"].timestamp == 1.5 and names["r"].objects
+
+
+def test_examples_of_docstrings_with_their_results():
+    finder, runner = doctest.DocTestFinder(), doctest.DocTestRunner()
+    # Cameras, Rerun and Ray need packages of their own.
+    names = [module.name for module in pkgutil.iter_modules(ss.__path__)]
+    for name in sorted(set(names) - {"__main__", "_splatseg", "camera", "ros2_node"}):
+        module = importlib.import_module(f"splatseg.{name}")
+        for test in finder.find(module, extraglobs={"ss": ss}):
+            runner.run(test)
+    assert runner.failures == 0 and runner.tries >= 4
+
+
+def test_examples_in_sentences_of_docstrings():
+    """Calls of classes of the package, such as ``Graph(min_area=50)``. Files that they name are missing."""
+    tried = 0
+    for name in ss.__all__:
+        text = inspect.getdoc(getattr(ss, name)) or ""
+        for call in re.findall(r"``((?:ss\.)?[A-Z]\w+\([^`]*\))``", text):
+            try:
+                eval(call, {"ss": ss, **vars(ss)})
+            except ValueError as error:
+                assert "No such file" in str(error), (name, call, error)
+            tried += 1
+    assert tried >= 5
 
 
 def test_own_segmenter():

@@ -155,6 +155,8 @@ def test_segmenters_of_the_library_can_be_called(room):
     with pytest.raises(ValueError, match=r"nothing\.safetensors"):
         ss.Affinity("nothing.safetensors")(frame.rgb)
     with pytest.raises(TypeError, match=r"there is no setting graph\.min_aria, did you mean graph\.min_area"):
-        ss.Graph(min_aria=20)(frame.rgb, frame.depth)
+        ss.Graph(min_aria=20)
+    with pytest.raises(ValueError, match=r"fastsam\.confidence is 2"):
+        ss.FastSam("nothing.pt", confidence=2)
     with pytest.raises(ValueError, match=r"nothing\.pt"):
         ss.FastSam("nothing.pt")(frame.rgb)

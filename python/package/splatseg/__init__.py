@@ -20,7 +20,7 @@ or ``**{"memory.max_votes": 8}``. An unknown keyword raises ``TypeError``, which
 """
 
 from . import rerun
-from ._splatseg import __version__, segment_color
+from ._splatseg import __version__
 from .evaluation import Scores, evaluate
 from .floor_plan import ApproachPoint, Door, FloorPlan, Footprint, PlanRoom, Route
 from .frame import Frame
@@ -29,6 +29,7 @@ from .memory import Memory
 from .merging import merge
 from .naming import Names, names
 from .objects import BestView, FoundObject, FrameStamp, Object, Objects, ObjectSighting, Shape, Sightings
+from .pictures import segment_color
 from .pipeline import FastSamSplat, Pipeline, Sam2Splat
 from .predicted_depth import Depth, depth
 from .result import StepResult

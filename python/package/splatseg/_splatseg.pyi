@@ -21,6 +21,7 @@ __all__ = [
     "Scene",
     "Segmenter",
     "__version__",
+    "check_settings",
     "evaluate",
     "merge",
     "overlay",
@@ -249,6 +250,7 @@ class Scene:
     def frame(self, index: int) -> _Frame: ...
     def frames(self) -> Frames: ...
 
+def check_settings(settings: dict[str, Any]) -> None: ...
 def evaluate(
     gt: _Path,
     predictions: _Path,

@@ -15,12 +15,15 @@ from . import _splatseg
 class Segmenter:
     """A segmenter of splatseg. Pass it to a pipeline, or call it: ``masks, scores = segmenter(rgb, depth)``.
 
-    A pipeline calls a subclass that has a ``__call__`` of its own as it calls a function.
+    A pipeline calls a subclass that has a ``__call__`` of its own as it calls a function. Raises ``TypeError`` for unknown
+    settings, ``ValueError`` for invalid values.
     """
 
     def __init__(self, **settings: Any) -> None:
         self.settings = settings
         """The pipeline settings that select it."""
+        if type(self).__call__ is Segmenter.__call__:
+            _splatseg.check_settings(settings)
         self._segmenter: _splatseg.Segmenter | None = None
 
     def __call__(
@@ -62,7 +65,7 @@ def chosen(segmenter: Any) -> tuple[dict[str, Any], Callable[..., Any] | None]:
 class Graph(Segmenter):
     """Cuts the image at object boundaries in depth, surface orientation and colour. Needs depth, but no weights.
 
-    ``settings`` are those of ``graph``, e.g. ``Graph(max_segments=100)``.
+    ``settings`` are those of ``graph``, e.g. ``Graph(min_area=50)``.
     """
 
     def __init__(self, **settings: Any) -> None:
@@ -86,8 +89,8 @@ class FastSam(Segmenter):
     """FastSAM: a YOLO-like network that segments everything.
 
     ``weights`` is a published checkpoint (``FastSAM-x.pt``, ``FastSAM-s.pt``; AGPL-3.0) or a ``.safetensors``; no code
-    in it is executed. ``settings`` are those of ``fastsam``, e.g. ``FastSam("FastSAM-x.pt", conf=0.5)``; ``device`` is
-    the device to run it on.
+    in it is executed. ``settings`` are those of ``fastsam``, e.g. ``FastSam("FastSAM-x.pt", confidence=0.5)``; ``device``
+    is the device to run it on.
     """
 
     def __init__(self, weights: str | os.PathLike[str], device: str | None = None, **settings: Any) -> None:
