@@ -22,6 +22,7 @@ fn checked<'py>(
     fits: impl Fn(&[usize]) -> bool,
 ) -> PyResult<Bound<'py, PyUntypedArray>> {
     let expected = format!("expected a NumPy array of {types} with shape {shape}");
+    refuse_masked(value, name)?;
     let Ok(array) = value.cast::<PyUntypedArray>() else {
         let found = value.get_type().name()?;
         return Err(PyTypeError::new_err(format!("{name} is of type {found}, {expected}")));
@@ -36,6 +37,21 @@ fn checked<'py>(
         )));
     }
     Ok(array.clone())
+}
+
+/// Refuses NumPy's masked arrays: their data has values where they are masked.
+fn refuse_masked(value: &Bound<'_, PyAny>, name: &str) -> PyResult<()> {
+    let py = value.py();
+    if value.get_type().is(py.get_type::<PyUntypedArray>()) {
+        return Ok(());
+    }
+    let masked = py.import("numpy.ma")?.getattr("MaskedArray")?;
+    if !value.is_instance(&masked)? {
+        return Ok(());
+    }
+    // Some names are descriptions.
+    let array = if name.contains(' ') { "array" } else { name };
+    Err(PyTypeError::new_err(format!("{name} is a masked array, whose mask would be lost: pass {array}.filled(0)")))
 }
 
 fn shape_text(shape: &[usize]) -> String {
@@ -96,19 +112,24 @@ const MAX_DEPTH_M: f64 = 1e5;
 
 /// Refuses depth of floats that are probably millimetres.
 fn require_metres(pixels: impl Iterator<Item = f64>) -> PyResult<()> {
+    match median_of_other_unit(pixels) {
+        None => Ok(()),
+        Some(median) => Err(value_error(format!(
+            "depth has a median of {median:.0}, expected metres: pass depth_scale=1000 if it is in millimetres, \
+             or depth_scale=1 if it really is in metres"
+        ))),
+    }
+}
+
+/// The median of depth, if it is too large for metres.
+pub fn median_of_other_unit(pixels: impl Iterator<Item = f64>) -> Option<f64> {
     let mut measured: Vec<f64> = pixels.filter(|depth| *depth > 0.0 && *depth < MAX_DEPTH_M).collect();
     if measured.is_empty() {
-        return Ok(());
+        return None;
     }
     let middle = measured.len() / 2;
     let (_, median, _) = measured.select_nth_unstable_by(middle, f64::total_cmp);
-    if *median <= MAX_MEDIAN_DEPTH_M {
-        return Ok(());
-    }
-    Err(value_error(format!(
-        "depth has a median of {median:.0}, expected metres: pass depth_scale=1000 if it is in millimetres, \
-         or depth_scale=1 if it really is in metres"
-    )))
+    (*median > MAX_MEDIAN_DEPTH_M).then_some(*median)
 }
 
 /// A depth image in metres: float32 or float64 metres, or, with `depth_scale` units per metre, uint16.
@@ -220,6 +241,7 @@ pub fn numbers(value: &Bound<'_, PyAny>, name: &str, shape: &[usize], meaning: &
         let found = value.get_type().name().map_or_else(|_| "unknown".to_owned(), |name| name.to_string());
         PyTypeError::new_err(format!("{name} is of type {found}, {expected}"))
     };
+    refuse_masked(value, name)?;
     // NumPy would convert None to NaN.
     if value.is_none() {
         return Err(wrong_type());
@@ -240,6 +262,19 @@ pub fn numbers(value: &Bound<'_, PyAny>, name: &str, shape: &[usize], meaning: &
         Some(number) => Err(value_error(format!("{name} contains {number}, {expected} of finite numbers"))),
         None => Ok(numbers),
     }
+}
+
+/// Numbers from 0 to 1. Those that rounding has put just outside are 0 or 1.
+pub fn fractions(value: &Bound<'_, PyAny>, name: &str, shape: &[usize], meaning: &str) -> PyResult<Vec<f64>> {
+    const ROUNDING: f64 = 1e-6;
+    let mut found = numbers(value, name, shape, meaning)?;
+    for number in &mut found {
+        if !(-ROUNDING..=1.0 + ROUNDING).contains(number) {
+            return Err(value_error(format!("{name} contains {number}, expected 0 to 1")));
+        }
+        *number = number.clamp(0.0, 1.0);
+    }
+    Ok(found)
 }
 
 /// Converts an image to an array `(height, width)`, reusing its memory.

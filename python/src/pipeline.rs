@@ -6,7 +6,7 @@ use crate::arrays::{
 use crate::depth::PythonDepthPredictor;
 use crate::errors::{runtime_error, value_error};
 use crate::names::Names;
-use crate::segmenter::{PythonSegmenter, SharedCallable};
+use crate::segmenter::{FUNCTION_NAME, PythonSegmenter, SharedCallable};
 use crate::settings::{add_file, layers, resolve, settings_error};
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1};
 use pyo3::exceptions::{PyRuntimeError, PyUserWarning};
@@ -19,9 +19,9 @@ use splatseg::names::{ClipNames, Query, find_objects};
 use splatseg::objects::{FrameStamp, ObjectName, SeenObjects};
 use splatseg::odometry::PoseState;
 use splatseg::pipeline::{FrameResult, NameObjectsError, ObjectToName, PipelineError, PredictedDepthUse};
-use splatseg::settings::SettingsLayers;
+use splatseg::settings::{MaskFolderSettings, Requirement, SegmenterSettings, SettingsError, SettingsLayers};
 use splatseg::tracking::{Hindsight, ShownFrame};
-use splatseg::{CameraFrame, Intrinsics, Mask, Pose, SegmentId};
+use splatseg::{CameraFrame, Intrinsics, Mask, Pose, SegmentId, Settings};
 use splatseg_files::MemoryLimit;
 use std::error::Error;
 use std::ffi::CString;
@@ -42,6 +42,8 @@ pub struct Pipeline {
     depth_predictor: Option<SharedCallable>,
     /// How the poses passed to `step` are stated.
     pose_format: PoseFormat,
+    /// Input that contradicts itself is an error.
+    strict_input: bool,
 }
 
 struct State {
@@ -86,9 +88,13 @@ impl Pipeline {
         if let Some(path) = &config {
             add_file(&mut all, path)?;
         }
-        let mut all = all.with(layers(settings, None)?);
+        let given = layers(settings, None)?;
+        let mut all = all.with(given.clone());
         if let Some(path) = &saved_memory {
             all.add_saved_memory(path).map_err(settings_error)?;
+        }
+        if segmenter.is_some() {
+            refuse_settings_of_segmenters(&all, &given)?;
         }
         let settings = resolve(&all)?;
         if settings.run.memory_limit != MemoryLimit::Auto {
@@ -112,7 +118,8 @@ impl Pipeline {
                 builder = builder.segmenter(Box::new(PythonSegmenter::new(callable.clone())));
             }
             if let Some(callable) = &depth_predictor {
-                builder = builder.depth_predictor(Box::new(PythonDepthPredictor(callable.clone())), used);
+                let predictor = PythonDepthPredictor { callable: callable.clone(), used };
+                builder = builder.depth_predictor(Box::new(predictor), used);
             }
             if let Some(path) = &saved_memory {
                 builder = builder.saved_memory(path);
@@ -125,9 +132,11 @@ impl Pipeline {
         let pipeline = py.detach(|| in_pool(threads.as_ref(), build));
         let pipeline = pipeline.map_err(value_error)?;
         let pose_format = settings.dataset.pose_format();
-        let settings = serde_json::to_string(&settings).map_err(runtime_error)?;
+        let strict_input = settings.run.strict_input;
+        let used = depth_predictor.is_some().then_some(used);
+        let settings = shown_settings(settings, segmenter.is_some(), used)?.to_string();
         let state = Mutex::new(State { pipeline, network: None, seen: SeenObjects::default(), frames: 0 });
-        Ok(Self { state, threads, settings, segmenter, depth_predictor, pose_format })
+        Ok(Self { state, threads, settings, segmenter, depth_predictor, pose_format, strict_input })
     }
 
     /// Shows Python's garbage collector what the pipeline refers to: a segmenter may refer to its pipeline.
@@ -175,7 +184,11 @@ impl Pipeline {
         let (result, time) = py.detach(|| in_pool(self.threads.as_ref(), || state.step(frame, pose)));
         drop(guard);
         py.check_signals()?;
-        step_result(py, result.map_err(|error| pipeline_error(py, &error))?, time)
+        let result = result.map_err(|error| pipeline_error(py, &error))?;
+        match result.doubts.first() {
+            Some(doubt) if self.strict_input => Err(value_error(format!("{} (strict_input ends the run)", doubt.text))),
+            _ => step_result(py, result, time),
+        }
     }
 
     /// Decides from all frames so far which parts of the map are one object. Returns false if nothing can change.
@@ -230,8 +243,8 @@ impl Pipeline {
         .map_err(runtime_error)
     }
 
-    /// Names objects with a callable `(rgb, mask, JSON of the object) -> (label, embedding)`; returns for how many it was
-    /// called.
+    /// Names objects with a callable `(rgb, mask, JSON of the object) -> (label, embedding, score)`; returns for how many it
+    /// was called.
     fn name_objects(&self, py: Python<'_>, callable: Py<PyAny>) -> PyResult<usize> {
         let mut guard = self.lock()?;
         let state = &mut *guard;
@@ -395,6 +408,51 @@ fn in_pool<R: Send>(pool: Option<&ThreadPool>, work: impl FnOnce() -> R + Send) 
     }
 }
 
+/// Refuses keyword arguments for segmenters of the library: the segmenter is a function. A file may have them, as that of
+/// an earlier run.
+fn refuse_settings_of_segmenters(all: &SettingsLayers, given: &SettingsLayers) -> PyResult<()> {
+    let is_of_segmenter = |need: &Requirement| need.choices().iter().any(|choice| choice.key == "segmenter");
+    // No setting of segmenters is used by both.
+    for other in ["masks", "graph"] {
+        let mut all = all.clone();
+        all.add("segmenter", other);
+        for error in all.unused() {
+            if let SettingsError::Unused { key, need, .. } = &error
+                && given.get(key).is_some()
+                && is_of_segmenter(need)
+            {
+                let message = format!("{key} is not used here: it needs {need}, but segmenter is a function");
+                return Err(value_error(message));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The settings as JSON. Functions of Python have a name there, and no settings.
+fn shown_settings(
+    mut settings: Settings,
+    is_segmenter_function: bool,
+    predictor_function: Option<PredictedDepthUse>,
+) -> PyResult<serde_json::Value> {
+    if is_segmenter_function {
+        // Has no settings.
+        settings.segmenter = SegmenterSettings::of(MaskFolderSettings::default());
+    }
+    if predictor_function.is_some() {
+        settings.depth_predictor = None;
+    }
+    let mut shown = serde_json::to_value(&settings).map_err(runtime_error)?;
+    if let Some(segmenter) = shown.get_mut("segmenter").filter(|_| is_segmenter_function) {
+        *segmenter = FUNCTION_NAME.into();
+    }
+    if let Some(used) = predictor_function {
+        shown["depth_predictor"] = FUNCTION_NAME.into();
+        shown["predicted_depth"] = serde_json::to_value(used).map_err(runtime_error)?;
+    }
+    Ok(shown)
+}
+
 fn map_of(state: &State) -> PyResult<MapView<'_>> {
     let name = state.pipeline.method_name();
     state.pipeline.map().ok_or_else(|| value_error(format!("the method {name} has no memory")))
@@ -452,8 +510,8 @@ fn name_of(
     let mask = to_plain_array(py, view.mask.pixels(), size)?;
     let object = serde_json::to_string(object).map_err(runtime_error)?;
     let named = callable.bind(py).call1((rgb, mask, object))?;
-    let (label, embedding): (Option<String>, PyReadonlyArray1<'_, f32>) = named.extract()?;
-    Ok(ObjectName { label, embedding: embedding.as_array().to_vec(), ..ObjectName::default() })
+    let (label, embedding, score): (Option<String>, PyReadonlyArray1<'_, f32>, Option<f32>) = named.extract()?;
+    Ok(ObjectName { label, embedding: embedding.as_array().to_vec(), score, ..ObjectName::default() })
 }
 
 /// The exception raised by a segmenter in Python, or the error as `RuntimeError`.

@@ -1,6 +1,6 @@
 //! Segmenters: the library's for Python, and Python's for the library.
 
-use crate::arrays::{Masks, color_image, depth_image, masks, numbers, to_color_array, to_masks, to_plain_array};
+use crate::arrays::{Masks, color_image, depth_image, fractions, masks, to_color_array, to_masks, to_plain_array};
 use crate::errors::{runtime_error, value_error};
 use crate::pipeline::intrinsics;
 use crate::settings::{layers, resolve};
@@ -12,6 +12,9 @@ use pyo3::types::{PyDict, PyTuple};
 use splatseg::segmenter::SegmenterError;
 use splatseg::{CameraFrame, Intrinsics, Mask, ScoredMask, Segmentation};
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// Name of a function of Python as a segmenter or depth predictor, in messages and settings.
+pub const FUNCTION_NAME: &str = "python";
 
 /// A callable of Python that a pipeline and its segmenter share. The pipeline shows it to Python's garbage collector,
 /// which finds no references inside the library.
@@ -73,7 +76,7 @@ impl PythonSegmenter {
 
 impl splatseg::Segmenter for PythonSegmenter {
     fn name(&self) -> &str {
-        "python"
+        FUNCTION_NAME
     }
 
     fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
@@ -110,7 +113,7 @@ fn scored(
         }
     };
     let scores = match scores {
-        Some(scores) => numbers(scores, "scores", &[found.len()], "a score from 0 to 1 for each mask")?,
+        Some(scores) => fractions(scores, "scores", &[found.len()], "a score from 0 to 1 for each mask")?,
         None => vec![1.0; found.len()],
     };
     let scored = found.into_iter().zip(scores).map(|(mask, score)| ScoredMask { mask, score: score as f32 });

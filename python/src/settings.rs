@@ -77,8 +77,9 @@ fn full_key(name: &str, short_section: Option<&str>) -> String {
 }
 
 fn setting_value(value: &Bound<'_, PyAny>, key: &str) -> PyResult<Value> {
-    if value.is_instance_of::<PyBool>() {
-        return Ok(Value::Boolean(value.extract()?));
+    let numpy_bool = value.py().import("numpy")?.getattr("bool_")?;
+    if value.is_instance_of::<PyBool>() || value.is_instance(&numpy_bool)? {
+        return Ok(Value::Boolean(value.is_truthy()?));
     }
     if value.is_instance_of::<PyString>() {
         return Ok(Value::String(value.extract()?));

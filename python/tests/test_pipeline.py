@@ -193,6 +193,8 @@ def bad_frames(frame):
         ({"depth": depth.astype(np.float64) * 1000}, ValueError, "pass depth_scale=1000"),
         ({"depth": depth, "depth_scale": -1}, ValueError, "depth_scale is -1"),
         ({"depth": depth, "depth_scale": 1e38}, ValueError, "depth_scale is 1"),
+        ({"depth": np.ma.masked_less(depth, 1)}, TypeError, r"depth is a masked array.* pass depth\.filled\(0\)"),
+        ({"K": np.ma.masked_array(frame.K)}, TypeError, r"pass K\.filled\(0\)"),
         ({"depth": depth[None]}, ValueError, r"depth has shape \(1, 72, 96\)"),
         ({"K": frame.K[:2]}, ValueError, r"K has shape \(2, 3\)"),
         ({"K": np.eye(3) * 0}, ValueError, "K is"),
@@ -339,6 +341,94 @@ def test_a_lens_is_corrected_as_in_a_recording(tmp_path):
     ]:
         with pytest.raises(ValueError, match=f"distortion: .*{text}"):
             pipeline.step(rgb, depth, K=K, depth_scale=1000, distortion=wrong)
+    for wrong, error, text in [
+        ([0.1, 0, 0, 0, 0], TypeError, r"distortion is \[0.1, 0, 0, 0, 0\], expected a model and its coefficients"),
+        ((1, [0.0] * 5), TypeError, "distortion is"),
+        (("plumb_bob", None), ValueError, r"coefficients of distortion have shape \(\)"),
+        (("plumb_bob", [[0.0] * 5]), ValueError, r"coefficients of distortion have shape \(1, 5\)"),
+        (("plumb_bob", ["x"]), TypeError, "distortion is"),
+    ]:
+        with pytest.raises(error, match=text):
+            pipeline.step(rgb, depth, K=K, depth_scale=1000, distortion=wrong)
     with pytest.raises(ValueError, match="depth"):
         pipeline.step(rgb, depth[:20], K=K, depth_scale=1000, distortion=distortion)
     assert pipeline.frames == 1
+
+
+@pytest.fixture
+def with_views(room):
+    pipeline = ss.FastSamSplat(segmenter="graph", keep_views=True)
+    for frame in room:
+        step(pipeline, frame)
+    return pipeline
+
+
+def test_a_namer_may_return_a_score(with_views):
+    assert with_views.name_objects(lambda *_: ("mug", np.float32(0.5))) > 3
+    named = [entry for entry in with_views.objects() if entry.label]
+    assert {(entry.label, entry.label_score) for entry in named} == {("mug", 0.5)}
+    with_views.clear_names()
+    assert with_views.name_objects(lambda *_: ("mug", np.ones(4))) > 3
+    assert with_views.find(np.ones(4))[0].similarity == pytest.approx(1)
+
+
+@pytest.mark.parametrize(
+    ("returned", "error", "message"),
+    [
+        (("mug", 1.5), ValueError, "the score of the label 'mug' is 1.5, expected 0 to 1"),
+        (("mug", float("nan")), ValueError, "the score of the label 'mug' is nan"),
+        (0.9, ValueError, r"the embedding has shape \(\), expected a vector"),
+        ((None, 0.9), ValueError, r"the embedding has shape \(\), expected a vector"),
+        (np.ones((1, 5)), ValueError, r"the embedding has shape \(1, 5\), expected a vector"),
+        (["mug"], TypeError, "the embedding is of type list, expected a vector of numbers"),
+        (b"mug", TypeError, "the embedding is of type bytes"),
+    ],
+)
+def test_wrong_names_are_told(with_views, returned, error, message):
+    with pytest.raises(error, match=message):
+        with_views.name_objects(lambda *_: returned)
+    assert not any(entry.label for entry in with_views.objects())
+
+
+def test_a_result_has_copies_of_the_buffers(room):
+    buffers = np.empty_like(room[0].rgb), np.empty_like(room[0].depth), np.empty((3, 3))
+    reused, plain = ss.FastSamSplat(), ss.FastSamSplat()
+    found, expected = [], []
+    for frame in room:
+        for buffer, values in zip(buffers, (frame.rgb, frame.depth, frame.K), strict=True):
+            buffer[:] = values
+        found.append(reused.step(buffers[0], buffers[1], K=buffers[2], camera_to_world=frame.camera_to_world))
+        expected.append(step(plain, frame))
+    assert reused.settle() == plain.settle()
+    for one, other, frame in zip(found, expected, room, strict=True):
+        np.testing.assert_array_equal(one.rgb, frame.rgb)
+        np.testing.assert_array_equal(one.depth, frame.depth)
+        np.testing.assert_array_equal(one.K, frame.K)
+        np.testing.assert_array_equal(reused.look_again(one), plain.look_again(other))
+
+
+def test_with_strict_input_a_contradiction_is_an_error():
+    frames = list(ss.open_scene("synthetic:frames=12,width=96,height=72,speed=0.2"))
+
+    def run(pipeline):
+        for frame in frames:
+            step(pipeline, frame, camera_to_world=np.linalg.inv(frame.camera_to_world))
+
+    with pytest.warns(UserWarning, match="pose"):
+        run(ss.FastSamSplat(segmenter="graph"))
+    with pytest.raises(ValueError, match=r"pose.*strict_input ends the run"):
+        run(ss.FastSamSplat(segmenter="graph", strict_input=True))
+
+
+def test_numpy_bools_are_settings():
+    assert ss.FastSamSplat(online=np.True_).settings["online"] is True
+    for value in (True, np.True_):
+        with pytest.raises(ValueError, match="memory.max_votes is true"):
+            ss.FastSamSplat(memory={"max_votes": value})
+
+
+def test_a_method_of_its_own_takes_no_other():
+    with pytest.raises(TypeError, match=r"FastSamSplat is the method fastsam-splat: use ss\.Pipeline\('fastsam'\)"):
+        ss.FastSamSplat(method="fastsam")
+    with pytest.raises(TypeError, match="Sam2Splat is the method sam2-splat"):
+        ss.Sam2Splat("weights.pt", method="sam2")

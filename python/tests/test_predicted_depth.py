@@ -30,6 +30,20 @@ def test_wrong_results_and_settings_are_told(room):
     seg = ss.FastSamSplat(depth_predictor=lambda rgb: np.ones((3, 4)), predicted_depth="all")
     with pytest.raises(ValueError, match=r"depth predictor's result has shape \(3, 4\)"):
         step(seg, frame)
+    ones, shape = np.ones(frame.depth.shape), frame.depth.shape
+    for returned, use, message in [
+        (-ones, "holes", "result contains -1, expected depth, 0 where nothing is predicted"),
+        (ones * 1500, "all", "result has a median of 1500, expected metres"),
+        ((ones, ones * 255), "holes", "confidence contains 255, expected 0 to 1"),
+        ((ones, -ones), "all", "confidence contains -1, expected 0 to 1"),
+    ]:
+        seg = ss.FastSamSplat(depth_predictor=lambda rgb, returned=returned: returned, predicted_depth=use)
+        with pytest.raises(ValueError, match=message):
+            step(seg, frame)
+    # Holes are filled with depth of any unit.
+    step(ss.FastSamSplat(depth_predictor=lambda rgb: np.full(shape, 1500.0)), frame)
+    settings = ss.FastSamSplat(depth_predictor=lambda rgb: rgb, predicted_depth="all").settings
+    assert (settings["depth_predictor"], settings["predicted_depth"]) == ("python", "all")
     with pytest.raises(ValueError, match="expected holes or all"):
         ss.FastSamSplat(depth_predictor=lambda rgb: rgb, predicted_depth="some")
     with pytest.raises(ValueError, match='output is "metres"'):

@@ -130,12 +130,44 @@ def raise_own(rgb, depth):
         (lambda depth: np.zeros(depth.shape, bool), TypeError, "is an array of bool"),
         (lambda depth: np.full(depth.shape, -1), ValueError, "has the id -1, expected 0 to 16777215"),
         (lambda depth: (np.zeros((2, *depth.shape), bool), [1.0]), ValueError, r"scores has shape \(1,\)"),
+        (lambda depth: (np.zeros((2, *depth.shape), bool), [0.5, 90]), ValueError, "scores contains 90, expected 0 to 1"),
+        (lambda depth: (np.zeros((1, *depth.shape), bool), [-0.1]), ValueError, "scores contains -0.1, expected 0 to 1"),
+        (lambda depth: np.ma.zeros(depth.shape, int), TypeError, r"is a masked array.* pass array\.filled\(0\)"),
         (lambda depth: (1, 2, 3), ValueError, "a tuple of length 3"),
     ],
 )
 def test_wrong_results_of_a_function_are_told(room, returned, error, message):
     with pytest.raises(error, match=message):
         step(ss.FastSamSplat(segmenter=lambda rgb, depth: returned(depth)), room[0])
+
+
+def test_scores_may_be_rounded(room):
+    def segmenter(rgb, depth):
+        return np.ones((1, *depth.shape), bool), np.float32([1.0000001])
+
+    assert step(ss.FastSamSplat(segmenter=segmenter), room[0]).objects[0].confidence <= 1
+
+
+def test_settings_of_other_segmenters_are_refused_with_a_function(tmp_path):
+    def segmenter(rgb, depth):
+        return np.zeros(depth.shape, int)
+
+    for unused, name in [
+        ({"affinity": {"min_area": 7}}, "affinity.min_area"),
+        ({"graph": {"min_area": 7}}, "graph.min_area"),
+        ({"weights": "nope.pt"}, "weights"),
+        ({"detail": "fine"}, "detail"),
+        ({"device": "cpu"}, "device"),
+        ({"masks": "nope"}, "masks"),
+    ]:
+        with pytest.raises(ValueError, match=rf"{name} is not used here: .* but segmenter is a function"):
+            ss.FastSamSplat(segmenter=segmenter, **unused)
+    settings = ss.FastSamSplat(segmenter=segmenter, memory={"max_votes": 3}, min_area=7).settings
+    assert (settings["segmenter"], settings["memory"]["max_votes"], settings["min_area"]) == ("python", 3, 7)
+    assert not {"affinity", "graph", "weights", "detail", "device"} & set(settings)
+    (tmp_path / "run.toml").write_text("seed = 4\n[affinity]\nmin_area = 70\n")
+    settings = ss.FastSamSplat(segmenter=segmenter, config=tmp_path / "run.toml").settings
+    assert settings["seed"] == 4 and "affinity" not in settings
 
 
 def test_exceptions_of_a_function_come_through(room):

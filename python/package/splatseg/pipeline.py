@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Masks = NDArray[np.bool_] | NDArray[np.integer]
 SegmenterLike = str | Segmenter | Callable[[NDArray[np.uint8], NDArray[np.float32]], Masks | tuple[Masks, ArrayLike]]
 
-Name = str | ArrayLike | tuple[str | None, ArrayLike | None] | None
+Name = str | ArrayLike | tuple[str | None, ArrayLike | float | None] | None
 
 # The settings of poses that need no conversion.
 _POSES_AS_THEY_ARE = {"pose_convention": "camera-to-world", "quaternion_order": "xyzw", "pose_scale": 1.0}
@@ -42,15 +42,19 @@ class Pipeline:
     ``segmenter`` is a name (``"affinity"``, the default, or ``"graph"``), a :class:`Segmenter` such as
     ``ss.FastSam("FastSAM-x.pt")``, or any callable ``(rgb, depth) -> masks``. It is called with uint8
     ``(height, width, 3)`` and float32 metres ``(height, width)``, and returns masks, bool ``(masks, height, width)``,
-    which may overlap, or an image of ids ``(height, width)`` with 0 for none, or a pair of masks and their scores.
+    which may overlap, or an image of ids ``(height, width)`` with 0 for none, or a pair of masks and their scores from 0 to 1.
 
-    ``method`` is one of ``fastsam-splat``, ``fastsam``, ``fastspam``, ``sam2``, ``sam2-splat``. ``config`` is a TOML
-    file or the ``summary.json`` of a run; keywords override its settings. All other keywords are settings, see
+    ``method`` is one of ``fastsam-splat``, ``fastsam``, ``fastspam``, ``sam2``, ``sam2-splat``. ``config`` is a TOML file
+    or the ``summary.json`` of a run; keywords override its settings. All other keywords are settings, see
     ``splatseg settings``. ``depth_predictor`` is a name, :func:`ss.depth(...) <depth>`, or any callable ``rgb -> depth`` or
-    ``rgb -> (depth, confidence)``, whose float arrays are as large as the image; ``predicted_depth="holes"`` (the default)
-    or ``"all"`` says where it is used. ``keep_views`` keeps the best view of each object for :meth:`name_objects`, at most 64 MiB.
+    ``rgb -> (depth, confidence)``, whose float arrays are as large as the image, depth with 0 where nothing is predicted
+    and confidence from 0 to 1; ``predicted_depth="holes"`` (the default) or ``"all"``, which needs metres, says where it is
+    used. With a function, settings of the library's segmenters are refused as keywords and ignored in ``config``, and
+    :attr:`settings` has the name ``python`` for it. ``keep_views`` keeps the best view of each object for
+    :meth:`name_objects`, at most 64 MiB.
 
-    Raises ``TypeError`` for unknown settings, ``ValueError`` for invalid values and files.
+    Raises ``TypeError`` for unknown settings, ``ValueError`` for invalid values and files, and ``RuntimeError`` in a process
+    that was started by fork after this package had been in use: use the start method ``spawn``.
     """
 
     _method: str | None = None
@@ -123,22 +127,25 @@ class Pipeline:
         """Processes the next frame of a camera.
 
         ``rgb``: uint8 ``(height, width, 3)``, C-contiguous, RGB. ``depth``: float32 or float64 z-depth in metres
-        ``(height, width)`` of the same pixels, 0 or NaN where nothing was measured; with ``depth_scale`` in units per
-        metre (1000 for millimetres) other units, and uint16. Floats whose median is above 100 are refused without it. ``K``: the camera matrix, 3x3, pixels. ``camera_to_world``: the pose,
-        4x4, metres, camera axes x right, y down, z forward, unless the pipeline was made with ``dataset.pose_convention``
-        and kin (poses of a scene opened with them are converted already); without it the camera is tracked.
-        ``timestamp``: seconds. ``distortion``: the lens of both images, a model and its coefficients as in ROS's
-        ``CameraInfo``, e.g. ``("plumb_bob", [k1, k2, p1, p2, k3])``: they are undistorted first, and the result has the
-        undistorted images, with depth in metres. Input that contradicts itself, e.g. poses that do not fit the images, causes a
-        ``UserWarning``.
+        ``(height, width)`` of the same pixels, 0 or NaN where nothing was measured; with ``depth_scale`` in units per metre
+        (1000 for millimetres) other units, and uint16. Floats whose median is above 100 are refused without it. ``K``: the
+        camera matrix, 3x3, pixels. ``camera_to_world``: the pose, 4x4, metres, camera axes x right, y down, z forward,
+        unless the pipeline was made with ``dataset.pose_convention`` and kin (poses of a scene opened with them are
+        converted already); without it the camera is tracked. ``timestamp``: seconds. ``distortion``: the lens of both
+        images, a model and its coefficients as in ROS's ``CameraInfo``, e.g. ``("plumb_bob", [k1, k2, p1, p2, k3])``: they
+        are undistorted first, and the result has the undistorted images, with depth in metres. The result has copies of the
+        images, so their buffers can be used again. Input that contradicts itself, e.g. poses that do not fit the images,
+        causes a ``UserWarning``, or with ``strict_input=True`` a ``ValueError``, after the frame was processed.
 
         The GIL is released during the computation. Invalid arguments raise ``TypeError`` or ``ValueError`` with the
         found and the expected value, and leave the memory unchanged. Exceptions of the segmenter are passed on.
         """
         if distortion is not None:
-            model, coefficients = distortion
-            rgb, depth = self._lens.undistort(rgb, depth, K, (model, list(coefficients)), depth_scale)
+            rgb, depth = self._lens.undistort(rgb, depth, K, _lens(distortion), depth_scale)
             depth_scale = None
+        else:
+            # The result keeps them, and cameras use their buffers again.
+            rgb, depth = _copy(rgb), _copy(depth)
         ids, confidence, sightings, masks, times, pose, pose_state, remapped, regions = self._pipeline.step(
             rgb, depth, K, camera_to_world, timestamp, name, depth_scale
         )
@@ -149,7 +156,7 @@ class Pipeline:
             times_ms=dict(times),
             rgb=rgb,
             depth=depth,
-            K=np.asarray(K, dtype=np.float64),
+            K=np.array(K, dtype=np.float64),
             camera_to_world=pose,
             pose_state=pose_state,
             remapped=remapped,
@@ -168,17 +175,16 @@ class Pipeline:
             for r in seg.run("drive.mcap", stride=2):
                 print(r.name, len(r.objects))
 
-        ``source`` is what :func:`splatseg.open_scene` opens with ``settings``, or a scene or other frames. A path is opened with
-        the pipeline's settings of the section ``dataset``, which ``settings`` override. With ``strict_input=True``, a frame of a
-        path or scene that cannot be used raises ``ValueError``, where it is skipped otherwise. A terminal or notebook shows a progress bar if tqdm is installed; ``progress`` demands it (``True``) or leaves it out
-        (``False``).
+        ``source`` is what :func:`splatseg.open_scene` opens with ``settings``, or a scene or other frames. A path is opened
+        with the pipeline's settings of the section ``dataset``, which ``settings`` override. With ``strict_input=True``, a
+        frame of a path or scene that cannot be used raises ``ValueError``, where it is skipped otherwise. A terminal or
+        notebook shows a progress bar if tqdm is installed; ``progress`` demands it (``True``) or leaves it out (``False``).
 
         Raises what :func:`splatseg.open_scene` and :meth:`step` do, ``ValueError`` if the scene has no depth and none is
         predicted in its place, and ``ImportError`` if a demanded bar is not possible.
         """
-        is_path = isinstance(source, str | os.PathLike)
-        frames: Iterable[Frame] = self._open(source, settings) if is_path else source
-        if settings and not is_path:
+        frames: Iterable[Frame] = self._open(source, settings) if isinstance(source, str | os.PathLike) else source
+        if settings and frames is source:
             raise TypeError(f"{', '.join(settings)}: settings are for a source that is opened here: a path")
         if isinstance(frames, Scene) and not frames.has_depth and not self._pipeline.predicts_all_depth:
             raise ValueError(
@@ -248,8 +254,9 @@ class Pipeline:
 
         ``rgb``: the best view so far, uint8 ``(height, width, 3)``, sRGB, at most 224 pixels wide and high. ``mask``: the
         object's pixels in it, bool ``(height, width)``. It returns a label, an embedding (a vector whose length is the same
-        for all), a pair of both, or ``None``. It is called for objects without a name, and again for those whose best view
-        has become clearly better. :meth:`objects` has the labels, :meth:`save` saves the names.
+        for all), a pair of both, a pair of a label and its score (a number from 0 to 1), or ``None``. It is called for
+        objects without a name, and again for those whose best view has become clearly better. :meth:`objects` has the
+        labels, :meth:`save` saves the names.
 
         Exceptions of ``fn`` are passed on; names given before stay. Raises ``ValueError`` for an unusable name, without
         ``keep_views=True``, and for a loaded map before its first frame. Objects of a loaded map that were not seen again
@@ -258,7 +265,7 @@ class Pipeline:
         if isinstance(fn, Names):
             return self._pipeline.name_with_network(fn._names)
         named = self._pipeline.name_objects(
-            lambda rgb, mask, entry: _label_and_embedding(fn(rgb, mask, parse(json.loads(entry))))
+            lambda rgb, mask, entry: _name(fn(rgb, mask, parse(json.loads(entry))))
         )
         if self._is_loaded:
             self._tell_unseen()
@@ -365,6 +372,7 @@ class FastSamSplat(Pipeline):
         keep_views: bool = False,
         **settings: Any,
     ) -> None:
+        _require_no_method(self, settings)
         super().__init__(None, segmenter, config=config, keep_views=keep_views, **settings)
 
 
@@ -386,22 +394,60 @@ class Sam2Splat(Pipeline):
         keep_views: bool = False,
         **settings: Any,
     ) -> None:
+        _require_no_method(self, settings)
         super().__init__(None, segmenter, config=config, keep_views=keep_views, tracker_weights=weights, **settings)
 
 
-def _label_and_embedding(name: Name) -> tuple[str | None, NDArray[np.float32]]:
-    """The label and the embedding that a function has returned."""
+def _require_no_method(pipeline: Pipeline, settings: dict[str, Any]) -> None:
+    if "method" in settings:
+        own = f"{type(pipeline).__name__} is the method {pipeline._method}"
+        raise TypeError(f"{own}: use ss.Pipeline({settings['method']!r}) for another one")
+
+
+def _name(name: Name) -> tuple[str | None, NDArray[np.float32], float | None]:
+    """The label, the embedding and the score that a function has returned."""
     nothing = np.empty(0, np.float32)
     if name is None or isinstance(name, str):
-        return name, nothing
+        return name, nothing, None
     if isinstance(name, tuple) and len(name) == 2 and (name[0] is None or isinstance(name[0], str)):
-        label, embedding = name
-        return label, nothing if embedding is None else _vector(embedding)
-    return None, _vector(cast(ArrayLike, name))
+        label, other = name
+        if other is None:
+            return label, nothing, None
+        if label is not None and np.ndim(other) == 0 and isinstance(other, (int, float, np.number)):
+            if not 0 <= other <= 1:
+                raise ValueError(f"the score of the label {label!r} is {other}, expected 0 to 1")
+            return label, nothing, float(other)
+        return label, _vector(other), None
+    return None, _vector(cast(ArrayLike, name)), None
+
+
+def _copy(image: Any) -> Any:
+    """A copy of an array that can be used; what cannot be is told later."""
+    return image.copy() if isinstance(image, np.ndarray) and image.flags.c_contiguous else image
+
+
+def _lens(distortion: tuple[str, Sequence[float]]) -> tuple[str, list[float]]:
+    """A checked model of a lens and its coefficients."""
+    expected = 'expected a model and its coefficients, e.g. ("plumb_bob", [k1, k2, p1, p2, k3])'
+    try:
+        model, coefficients = distortion
+        numbers = np.asarray(coefficients, np.float64)
+    except (TypeError, ValueError):
+        raise TypeError(f"distortion is {distortion!r}, {expected}") from None
+    if not isinstance(model, str):
+        raise TypeError(f"distortion is {distortion!r}, {expected}")
+    if numbers.ndim != 1:
+        raise ValueError(f"the coefficients of distortion have shape {numbers.shape}, {expected}")
+    return model, numbers.tolist()
 
 
 def _vector(embedding: ArrayLike) -> NDArray[np.float32]:
-    vector = np.ascontiguousarray(embedding, dtype=np.float32)
+    try:
+        vector = np.asarray(embedding, dtype=np.float32)
+    except (TypeError, ValueError):
+        raise TypeError(
+            f"the embedding is of type {type(embedding).__name__}, expected a vector of numbers, e.g. (512,)"
+        ) from None
     if vector.ndim != 1:
         raise ValueError(f"the embedding has shape {vector.shape}, expected a vector, e.g. (512,)")
-    return vector
+    return np.ascontiguousarray(vector)

@@ -34,9 +34,9 @@ class StepResult:
     """Time of each stage, milliseconds; ``step`` is the library's time for the whole frame, without Python's
     overhead."""
     rgb: NDArray[np.uint8]
-    """The frame's colours, as given."""
+    """The frame's colours: a copy of those given."""
     depth: NDArray[np.generic]
-    """The frame's depth, as given."""
+    """The frame's depth: a copy of that given."""
     K: NDArray[np.float64]
     """The camera matrix."""
     camera_to_world: NDArray[np.float64]
