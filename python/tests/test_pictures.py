@@ -21,6 +21,9 @@ def test_results_show_themselves(tmp_path, room):
     assert (picture.shape, picture.dtype) == ((72, 96, 3), np.uint8)
     assert (picture != result.rgb).any(axis=2).mean() > 0.5
     result.save(tmp_path / "frame.png")
+    with pytest.raises(ValueError, match=r"x\.jpg: ends in \.jpg, expected \.png"):
+        result.save(tmp_path / "x.jpg")
+    assert not (tmp_path / "x.jpg").exists()
     with Image.open(tmp_path / "frame.png") as saved:
         np.testing.assert_array_equal(np.asarray(saved), picture)
     table = pipeline._repr_html_()

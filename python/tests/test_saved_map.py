@@ -40,6 +40,9 @@ def test_the_plan_is_that_of_the_exported_files(saved: Path, tmp_path: Path) -> 
         if one["approach"]:
             assert list(plan.approach(id)[0].place) == one["approach"][0]["place"]
     assert plan.picture(2).shape == (2 * height, 2 * width, 3)
+    for scale in (0, 33):
+        with pytest.raises(ValueError, match=f"scale is {scale}, expected 1 to 32"):
+            plan.picture(scale)
 
 
 def test_routes_stay_on_free_cells(saved: Path) -> None:
@@ -84,6 +87,15 @@ def test_the_mesh_is_that_of_the_exported_file(saved: Path, tmp_path: Path) -> N
     home = ss.SavedMap(saved)
     mesh = home.mesh(voxel=0.05)
     home.export(tmp_path / "mesh.ply", "mesh", voxel=0.05)
+    for form, options, message in [
+        ("mesh", {}, r"mesh\.ply: exists: pass overwrite=True to replace it"),
+        ("points", {"voxel": 0.05}, "voxel: is for form mesh"),
+        ("points", {"colour": "id"}, "unexpected argument 'colour' found tip: a similar argument exists: 'color'"),
+        ("pointz", {}, "invalid value 'pointz' for 'form'"),
+    ]:
+        with pytest.raises(ValueError, match=f"{message}") as told:
+            home.export(tmp_path / "mesh.ply", form, overwrite=bool(options), **options)
+        assert "--" not in str(told.value) and "\n" not in str(told.value)
     header = (tmp_path / "mesh.ply").read_bytes().split(b"end_header")[0].decode()
     assert f"element vertex {len(mesh.vertices)}\n" in header and f"element face {len(mesh.triangles)}\n" in header
     assert mesh.vertices.dtype == np.float64 and mesh.colors.dtype == np.uint8 and mesh.ids.dtype == np.uint32

@@ -30,6 +30,11 @@ def test_objects_become_a_table(results, tmp_path):
     assert table.width.tolist() == [sighting.bounding_box[2] for sighting in shown.objects]
     empty = step(ss.FastSamSplat(segmenter=lambda rgb, depth: np.zeros(depth.shape, np.uint8)), scene_frame())
     assert len(empty.to_df()) == 0
+    assert empty.to_df().columns.tolist() == shown.to_df().columns.tolist()
+    few = objects[:2]
+    assert type(few) is ss.Objects and few.to_df().id.tolist() == [entry.id for entry in objects][:2]
+    assert type(shown.objects[1:]) is ss.Sightings and shown.objects[-1] is list(shown.objects)[-1]
+    assert objects[:0].to_df().columns.tolist() == objects.to_df().columns.tolist()
 
 
 def scene_frame():

@@ -190,7 +190,12 @@ class FloorPlan:
         return np.asarray((points - matrix[:3, 3]) @ matrix[:3, :3])
 
     def picture(self, scale: int = 4) -> NDArray[np.uint8]:
-        """The plan from above, the highest y at the top, sRGB: ``(height, width, 3)`` of the grid times ``scale``, 1 to 32."""
+        """The plan from above, the highest y at the top, sRGB: ``(height, width, 3)`` of the grid times ``scale``, 1 to 32.
+
+        Raises ``ValueError`` for another ``scale``.
+        """
+        if not 1 <= scale <= 32:
+            raise ValueError(f"scale is {scale}, expected 1 to 32")
         pixels, width, height = self._plan.picture(scale)
         return np.array(bytearray(pixels), np.uint8).reshape(height, width, 3)
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, SupportsIndex, TypeVar, overload
 
 from . import _splatseg
 from .optional import require
 
 if TYPE_CHECKING:
     import pandas
+    from typing_extensions import Self
 
 _MOST_IDS = 12
 _POINT = ("x", "y", "z")
@@ -174,37 +175,33 @@ class Object:
         }
 
 
-_Entry = TypeVar("_Entry", Object, ObjectSighting)
+_Entry = TypeVar("_Entry", bound=Object | ObjectSighting)
 
 
 class _Entries(list[_Entry]):
     """A list that can become a table."""
 
+    _columns: tuple[str, ...]
+
+    @overload
+    def __getitem__(self, index: SupportsIndex, /) -> _Entry: ...
+    @overload
+    def __getitem__(self, index: slice, /) -> Self: ...
+    def __getitem__(self, index: SupportsIndex | slice, /) -> _Entry | Self:
+        if isinstance(index, slice):
+            return type(self)(super().__getitem__(index))
+        return super().__getitem__(index)
+
     def to_df(self) -> pandas.DataFrame:
         """A table of pandas with one row for each, in the order of the list. Needs ``pip install pandas``."""
-        frame: pandas.DataFrame = require("pandas", "pandas", "to_df").DataFrame([entry._row() for entry in self])
+        data_frame = require("pandas", "pandas", "to_df").DataFrame
+        frame: pandas.DataFrame = data_frame([entry._row() for entry in self], columns=list(self._columns))
         return frame
 
     def __repr__(self) -> str:
         ids = ", ".join(str(entry.id) for entry in self[:_MOST_IDS])
         more = ", …" if len(self) > _MOST_IDS else ""
         return f"<splatseg.{type(self).__name__}: {len(self)} objects" + (f", ids {ids}{more}>" if self else ">")
-
-
-class Objects(_Entries[Object]):
-    """A list of the objects of a video, the longest seen first.
-
-    The columns of :meth:`to_df` have the names of those in ``objects.csv``. A notebook displays the list as a table.
-    """
-
-    def _repr_html_(self) -> str:
-        from .pictures import objects_table
-
-        return objects_table(self, "objects")
-
-
-class Sightings(_Entries[ObjectSighting]):
-    """A list of the objects in one frame, by increasing id."""
 
 
 def _cells(prefix: str, names: Iterable[str], values: Iterable[Any] | None) -> dict[str, Any]:
@@ -216,6 +213,26 @@ def _cells(prefix: str, names: Iterable[str], values: Iterable[Any] | None) -> d
 def _stamp_cells(prefix: str, stamp: FrameStamp | None) -> dict[str, Any]:
     values = (stamp.number, stamp.name, stamp.time_s) if stamp is not None else None
     return _cells(f"{prefix}_", ("frame", "name", "time_s"), values)
+
+
+class Objects(_Entries[Object]):
+    """A list of the objects of a video, the longest seen first.
+
+    The columns of :meth:`to_df` have the names of those in ``objects.csv``. A notebook displays the list as a table.
+    """
+
+    _columns = tuple(Object(0, None, None, 0, None, None, None, None, None, None)._row())
+
+    def _repr_html_(self) -> str:
+        from .pictures import objects_table
+
+        return objects_table(self, "objects")
+
+
+class Sightings(_Entries[ObjectSighting]):
+    """A list of the objects in one frame, by increasing id."""
+
+    _columns = tuple(ObjectSighting(0, 0, (0, 0, 0, 0), 0.0, 0, 0)._row())
 
 
 @dataclass(frozen=True)

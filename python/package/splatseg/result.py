@@ -103,7 +103,15 @@ class StepResult:
         require("PIL.Image", "pillow", "show").fromarray(self.plot()).show()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes :meth:`plot` to a file, as PNG."""
+        """Writes :meth:`plot` to a PNG file.
+
+        Raises ``ValueError`` if the file's name ends otherwise than in ``.png``.
+        """
+        suffix = Path(path).suffix
+        if suffix.lower() not in ("", ".png"):
+            raise ValueError(
+                f"{os.fspath(path)}: ends in {suffix}, expected .png; PIL.Image.fromarray(r.plot()).save writes other formats"
+            )
         Path(path).write_bytes(self.overlay_png())
 
     def overlay_png(self) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 from dataclasses import dataclass
 from pathlib import Path
@@ -142,8 +143,20 @@ class SavedMap:
         command = [*PROGRAM, "--quiet", "export", *arguments, "--", os.fspath(self._path)]
         ended = subprocess.run(command, check=False, capture_output=True, text=True)
         if ended.returncode:
-            problem = ended.stderr.strip().removeprefix("error: ")
+            problem = _as_arguments(ended.stderr.strip().removeprefix("error: "))
             raise ValueError(problem) if ended.returncode == 2 else RuntimeError(problem)
 
     def __repr__(self) -> str:
         return f"<splatseg.SavedMap {os.fspath(self._path)!r}>"
+
+
+def _as_arguments(problem: str) -> str:
+    """The command's error in a line, with options as the arguments of :meth:`SavedMap.export`."""
+    text = problem.partition("\n\nUsage:")[0].partition("\n\nFor more information")[0]
+    text = " ".join(text.split()).replace("give --overwrite", "pass overwrite=True")
+
+    def argument(option: re.Match[str]) -> str:
+        name = option[1].replace("-", "_")
+        return "form" if name == "as" else name
+
+    return re.sub(r"(?<![\w./-])--([a-z][a-z-]*)(?: <[^>]*>)?", argument, text)
