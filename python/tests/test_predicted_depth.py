@@ -75,3 +75,16 @@ def test_a_scene_without_depth_needs_a_predictor_of_all_depth():
 def test_a_live_session_without_depth_needs_a_predictor():
     with pytest.raises(ValueError, match="--depth-weights"):
         ss.Live(dataset={"depth": "none"})
+
+
+def test_a_live_session_has_the_segmenter_and_no_functions():
+    with ss.Live(segmenter=ss.Graph(min_area=50)) as live:
+        for timeout in (-1, float("nan"), 1e300):
+            with pytest.raises(ValueError, match="timeout is .*, expected 0 to 1000000000 seconds"):
+                live.messages(timeout)
+        assert live.messages() == []
+    with pytest.raises(ValueError, match="graph.min_area is -1"):
+        ss.Live(segmenter="graph", graph={"min_area": -1})
+    for functions in ({"segmenter": lambda rgb, depth: None}, {"depth_predictor": lambda rgb: None}):
+        with pytest.raises(TypeError, match="a live session calls no functions"):
+            ss.Live(**functions)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from . import _splatseg
+from .forking import use_threads
 
 
 @dataclass(frozen=True, repr=False)
@@ -56,11 +57,12 @@ def evaluate(
     Ctrl-C interrupts it. Raises ``ValueError`` if something cannot be read or, without ``allow_missing``, frames are
     missing.
     """
-    scores = json.loads(
-        _splatseg.evaluate(
-            gt, predictions, settings, protocol, exclude_void, min_truth_area, allow_missing, ids
-        )
-    )  # fmt: skip
+    use_threads()
+    options = (protocol, exclude_void, min_truth_area, allow_missing, ids)
+    try:
+        scores = json.loads(_splatseg.evaluate(gt, predictions, settings, *options))
+    except ValueError as error:
+        raise ValueError(str(error).replace("--allow-missing", "allow_missing=True")) from None
     return Scores(
         vsq=scores["vsq"],
         stq=scores["stq"],

@@ -8,11 +8,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from . import _splatseg
+from .forking import use_threads
 from .objects import Objects, parse
-from .predicted_depth import with_network
+from .predicted_depth import is_function, with_network
+from .segmenters import Segmenter, chosen
+from .settings import combined
 
 if TYPE_CHECKING:
     from typing_extensions import Self
+
+_LONGEST_WAIT_S = 1e9
 
 
 @dataclass(frozen=True)
@@ -44,10 +49,10 @@ class Live:
                 for output, message in live.messages():
                     publish(output.topic, message)
 
-    The newest frame wins; frames are processed on a thread of their own. ``map`` is loaded if it exists, and saved
-    every ``save_interval`` seconds and at the end. With ``every_frame`` no frame is dropped: :meth:`feed` waits.
-    With a ``lag``, ids and overlays come that many seconds later, decided again with what has been seen since.
-    ``config`` and all other keywords are settings, as for :class:`Pipeline`; ``depth_predictor`` may be
+    The newest frame wins; frames are processed on a thread of their own. ``map`` is loaded if it exists, and saved every
+    ``save_interval`` seconds and at the end. With ``every_frame`` no frame is dropped: :meth:`feed` waits. With a ``lag``,
+    ids and overlays come that many seconds later, decided again with what has been seen since. ``config`` and all other
+    keywords are settings, as for :class:`Pipeline`; ``segmenter`` may be a :class:`Segmenter` and ``depth_predictor``
     :func:`ss.depth(...) <depth>`, but no function. A camera without depth needs it and ``dataset={"depth": "none"}``.
 
     Raises ``TypeError`` for unknown settings, ``ValueError`` for invalid values and files.
@@ -61,9 +66,15 @@ class Live:
         every_frame: bool = False,
         config: str | os.PathLike[str] | None = None,
         lag: float = 0.0,
+        segmenter: str | Segmenter | None = None,
         **settings: Any,
     ) -> None:
-        self._live = _splatseg.Live(with_network(settings), map, save_interval, every_frame, config, lag)
+        use_threads()
+        of_segmenter, function = chosen(segmenter)
+        if function is not None or is_function(settings.get("depth_predictor")):
+            raise TypeError("a live session calls no functions as segmenter or depth_predictor: use Pipeline.step")
+        settings = combined(of_segmenter, with_network(settings))
+        self._live = _splatseg.Live(settings, map, save_interval, every_frame, config, lag)
 
     def feed(self, topic: str, type: str, data: bytes) -> None:
         """Takes in a message in CDR of a type such as ``sensor_msgs/msg/Image``, from any thread.
@@ -82,6 +93,8 @@ class Live:
 
     def messages(self, timeout: float = 0.0) -> list[tuple[Output, bytes]]:
         """Waits for results, ``timeout`` seconds at most, and returns the newest message of each kind, in CDR."""
+        if not 0 <= timeout <= _LONGEST_WAIT_S:
+            raise ValueError(f"timeout is {timeout}, expected 0 to {_LONGEST_WAIT_S:.0f} seconds")
         return [(OUTPUTS[name], data) for name, data in self._live.take(timeout)]
 
     def save(self) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from . import _splatseg
 from .files import require_new
+from .forking import use_threads
 
 
 def merge(
@@ -40,5 +41,6 @@ def merge(
         if matrix.shape != (4, 4):
             raise ValueError(f"transform has the shape {matrix.shape}, expected (4, 4)")
         pose = matrix.ravel().tolist()
+    use_threads()
     report: dict[str, Any] = json.loads(_splatseg.merge(earlier, later, out, pose))
     return report

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _splatseg
+from .forking import use_threads
 
 
 class Names:
@@ -35,6 +36,7 @@ class Names:
 
     def embed_text(self, text: str) -> NDArray[np.float32]:
         """The embedding of a text, for :meth:`Pipeline.find`."""
+        use_threads()
         return self._names.embed_text(text)
 
     def __repr__(self) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _splatseg
 from .files import require_new
+from .forking import require_threads, use_threads
 from .frame import Frame
 from .memory import Memory
 from .naming import Names
@@ -80,6 +81,7 @@ class Pipeline:
         saved_memory: str | os.PathLike[str] | None,
         keep_views: bool,
     ) -> None:
+        require_threads()
         of_segmenter, function = chosen(segmenter)
         settings = {**settings, "method": method if method is not None else self._method}
         settings = combined(of_segmenter, with_network(settings))
@@ -87,8 +89,14 @@ class Pipeline:
         if callable(predictor):
             settings.pop("depth_predictor")
             used = predictor, settings.pop("predicted_depth", None)
-        self._pipeline = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views, used)
+        self._compiled = _splatseg.Pipeline(settings, function, config, saved_memory, keep_views, used)
         self._lens = _splatseg.Lens()
+
+    @property
+    def _pipeline(self) -> _splatseg.Pipeline:
+        """The compiled part, for what uses its threads."""
+        use_threads()
+        return self._compiled
 
     @classmethod
     def load(
@@ -107,6 +115,7 @@ class Pipeline:
 
         Raises ``ValueError`` if the file is damaged or does not fit the settings.
         """
+        use_threads()
         pipeline = cls.__new__(cls)
         pipeline._start(method, segmenter, config, settings, path, keep_views)
         pipeline._is_loaded = True
@@ -328,12 +337,12 @@ class Pipeline:
     @property
     def frames(self) -> int:
         """Number of processed frames."""
-        return self._pipeline.frames
+        return self._compiled.frames
 
     @property
     def settings(self) -> dict[str, Any]:
         """All settings, as in ``summary.json``."""
-        settings: dict[str, Any] = json.loads(self._pipeline.settings)
+        settings: dict[str, Any] = json.loads(self._compiled.settings)
         return settings
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _splatseg
+from .forking import use_threads
 from .settings import combined
 
 
@@ -30,6 +31,7 @@ class Depth:
 
     def __call__(self, rgb: NDArray[np.uint8]) -> NDArray[np.float32]:
         """What the network returns for an image, uint8 ``(height, width, 3)``: float32 ``(height, width)``."""
+        use_threads()
         return self._depth.predict(rgb)
 
     def __repr__(self) -> str:

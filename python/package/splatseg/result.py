@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _splatseg
+from .forking import use_threads
 from .objects import Object, Sightings
 from .optional import require
 
@@ -96,6 +97,7 @@ class StepResult:
 
     def plot(self) -> NDArray[np.uint8]:
         """The frame with every object tinted, outlined and numbered: RGB, ``(height, width, 3)``."""
+        use_threads()
         return _splatseg.overlay(self.rgb, self.ids)
 
     def show(self) -> None:
@@ -116,6 +118,7 @@ class StepResult:
 
     def overlay_png(self) -> bytes:
         """:meth:`plot` as the bytes of a PNG."""
+        use_threads()
         return _splatseg.overlay_png(self.rgb, self.ids)
 
     def _repr_png_(self) -> bytes:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from . import _splatseg
+from .forking import use_threads
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -47,7 +48,14 @@ class Sam2:
 
     def __init__(self, weights: str | os.PathLike[str], device: str | None = None, **settings: Any) -> None:
         chosen = {"method": "sam2", "tracker_weights": os.fspath(weights), "device": device, "sam2": settings}
-        self._sam2 = _splatseg.Sam2(chosen)
+        use_threads()
+        self._compiled = _splatseg.Sam2(chosen)
+
+    @property
+    def _sam2(self) -> _splatseg.Sam2:
+        """The compiled part."""
+        use_threads()
+        return self._compiled
 
     def step(self, rgb: NDArray[np.uint8]) -> Tracks:
         """Processes the next frame, uint8 ``(height, width, 3)``, and tracks every object in it."""

@@ -17,6 +17,7 @@ from . import _splatseg
 from .command import PROGRAM
 from .files import require_new
 from .floor_plan import FloorPlan
+from .forking import use_threads
 from .objects import Objects, parse
 from .scene_graph import SceneGraph, graph_of
 
@@ -58,7 +59,14 @@ class SavedMap:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._path = Path(path)
-        self._map = _splatseg.SavedMap(path)
+        use_threads()
+        self._compiled = _splatseg.SavedMap(path)
+
+    @property
+    def _map(self) -> _splatseg.SavedMap:
+        """The compiled part."""
+        use_threads()
+        return self._compiled
 
     @property
     def path(self) -> Path:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from . import _splatseg
+from .forking import require_threads, use_threads
 from .frame import Frame
 
 
@@ -19,11 +20,13 @@ class Scene:
     """
 
     def __init__(self, path: str | os.PathLike[str], **settings: Any) -> None:
+        require_threads()
         self._scene = _splatseg.Scene(path, settings)
         self.path = os.fspath(path)
         """The path, as given."""
         self._guess = self._scene.guessed_camera
         if self._guess is not None:
+            use_threads()
             warnings.warn(f"{self.path}: {self._guess[1].replace('--fx PIXELS', 'fx=PIXELS')}", stacklevel=3)
 
     @property
@@ -64,20 +67,28 @@ class Scene:
 
     def __getitem__(self, index: int) -> Frame:
         """Reads one of the selected frames, given by its position among them."""
+        self._prepare()
         return Frame(*self._scene.frame(index))
 
     def __iter__(self) -> Iterator[Frame]:
+        self._prepare()
         for item in self._scene.frames():
             if isinstance(item, str):
                 warnings.warn(f"frame skipped: {item}", stacklevel=2)
             else:
                 yield Frame(*item)
 
+    def _prepare(self) -> None:
+        """Called before frames are read. Recorded ones need none of the threads that a fork loses."""
+        if self.format == "synthetic":
+            use_threads()
+
     def _usable_frames(self) -> Iterator[Frame]:
         """As iterating, but raises ``ValueError`` for a frame that cannot be used."""
+        self._prepare()
         for item in self._scene.frames():
             if isinstance(item, str):
-                raise ValueError(f"{item} (strict_input ends the run)")
+                raise ValueError(f"{item} (strict_input ends the run)")  # noqa: TRY004
             yield Frame(*item)
 
     def __repr__(self) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import _splatseg
+from .forking import use_threads
 
 
 class Segmenter:
@@ -39,6 +40,7 @@ class Segmenter:
         ``rgb``, ``depth`` and ``depth_scale`` are those of :meth:`Pipeline.step`. Without ``K``, the camera has a
         horizontal field of view of 60 degrees.
         """
+        use_threads()
         if self._segmenter is None:
             self._segmenter = _splatseg.Segmenter(self.settings)
         return self._segmenter.segment(rgb, depth, K, depth_scale)
