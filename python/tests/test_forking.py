@@ -47,7 +47,7 @@ def fails():
     assert len(list(recorded)) == len(recorded) and recorded[0].rgb.any()
 
 def run(function):
-    process = multiprocessing.get_context("fork").Process(target=function)
+    process = multiprocessing.get_context("fork").Process(target=function, daemon=True)
     process.start()
     process.join(30)
     assert process.exitcode == 0, process.exitcode
