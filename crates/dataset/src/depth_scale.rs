@@ -101,14 +101,9 @@ impl DepthScale {
         if stored == NO_MEASUREMENT { 0.0 } else { f32::from(stored) / self.units_per_metre }
     }
 
-    /// Converts depth that is stored as a number with a fraction to metres.
-    pub(crate) fn metres_of_float(self, stored: f32) -> f32 {
-        stored / self.units_per_metre
-    }
-
     /// Converts depth that is stored as a number with a fraction to metres; 0 if it is not positive, not finite or too far.
     pub(crate) fn measured(self, stored: f32) -> f32 {
-        let metres = self.metres_of_float(stored);
+        let metres = stored / self.units_per_metre;
         // NaN is in no range.
         if (0.0..MAX_DEPTH_M).contains(&metres) { metres } else { 0.0 }
     }
@@ -181,10 +176,10 @@ mod tests {
         assert_eq!(of_file(1000.0, &none).unwrap().metres(1500), 1.5);
         assert_eq!(of_file(1000.0, &own).unwrap().metres(1500), 0.3);
         assert_eq!(DepthScale::MILLIMETRES.or_of(&own).metres(5000), 1.0);
-        assert_eq!(DepthScale::METRES.or_of(&none).metres_of_float(1.25), 1.25);
+        assert_eq!(DepthScale::METRES.or_of(&none).measured(1.25), 1.25);
         assert_eq!(DepthScale::MILLIMETRES.metres(u16::MAX), 0.0);
         assert_eq!(DepthScale::MILLIMETRES.of_floats(), DepthScale::METRES);
-        assert_eq!(DepthScale::MILLIMETRES.or_of(&own).of_floats().metres_of_float(5000.0), 1.0);
+        assert_eq!(DepthScale::MILLIMETRES.or_of(&own).of_floats().measured(5000.0), 1.0);
     }
 
     #[test]

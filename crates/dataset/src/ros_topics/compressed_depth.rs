@@ -44,7 +44,7 @@ pub(crate) fn decode_compressed_depth(
     if encoding.eq_ignore_ascii_case("32FC1") {
         let scale = scale.unwrap_or(DepthScale::METRES);
         let stored = |number: u16| if number == 0 { 0.0 } else { a / (f32::from(number) - b) };
-        return Ok(numbers.map(|number| scale.metres_of_float(stored(*number))));
+        return Ok(numbers.map(|number| scale.measured(stored(*number))));
     }
     let scale = scale.unwrap_or(DepthScale::MILLIMETRES);
     Ok(numbers.map(|number| scale.metres(*number)))
@@ -192,6 +192,14 @@ mod tests {
         for (found, expected) in depth.pixels().iter().zip([0.5, 2.0, 7.5, 0.0]) {
             assert!((found - expected).abs() < 0.01, "{found} {expected}");
         }
+    }
+
+    #[test]
+    fn depth_that_no_camera_measures_is_missing() {
+        // The parameters make 100 infinitely far, 99 negative, and 101 too far.
+        let data = message([1e10, 100.0], &encode_rvl(&[99, 100, 101], 3));
+        let depth = decode_compressed_depth(Path::new("a"), "32FC1; compressedDepth rvl", &data, None).unwrap();
+        assert_eq!(depth.pixels(), [0.0; 3]);
     }
 
     #[test]

@@ -197,7 +197,7 @@ pub(crate) fn raw_depth(
                 let number = |bytes: &[u8; 4]| {
                     if is_big_endian { f32::from_be_bytes(*bytes) } else { f32::from_le_bytes(*bytes) }
                 };
-                pixels.extend(row.as_chunks().0.iter().map(|bytes| scale.metres_of_float(number(bytes))));
+                pixels.extend(row.as_chunks().0.iter().map(|bytes| scale.measured(number(bytes))));
             }
         }
         other => return Err(unknown_encoding(path, DEPTH_IMAGE, other, DEPTH_ENCODINGS)),
@@ -308,6 +308,14 @@ mod tests {
         }
         let grey = raw_color(&raw("mono8", (2, 1), 2, &[5, 6]), Path::new("a")).unwrap();
         assert_eq!(grey.pixels(), [[5; 3], [6; 3]]);
+    }
+
+    #[test]
+    fn numbers_that_are_no_depth_are_missing() {
+        let numbers = [1.5_f32, 1e10, -1.0, f32::NAN, f32::INFINITY, 3.4e38];
+        let data: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
+        let depth = raw_depth(&raw("32FC1", (6, 1), 24, &data), None, Path::new("a")).unwrap();
+        assert_eq!(depth.pixels(), [1.5, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
 
     #[test]
