@@ -20,6 +20,13 @@ const DEPTH_SAMPLING: usize = 7;
 const POSSIBLE_FOCAL: std::ops::RangeInclusive<f32> = 0.005..=1000.0;
 /// Usual focal lengths in image widths; others cause a warning. Fields of view from 3 to 157 degrees.
 const USUAL_FOCAL: std::ops::RangeInclusive<f32> = 0.1..=20.0;
+/// A principal point farther from the middle of the image than this causes a warning, image sides.
+const MAX_OFF_CENTER: f32 = 0.3;
+/// Intrinsics are those of another image size if the principal point has moved by the same factor along both sides, within
+/// this share.
+const SAME_SIZE_FACTOR: f32 = 0.1;
+/// Such factors for images half as large, whose principal point is nearer to the middle than [`MAX_OFF_CENTER`].
+const HALF_SIZE: std::ops::RangeInclusive<f32> = 0.46..=0.54;
 
 /// So many bytes of warnings are remembered: a process that opens many damaged recordings would collect theirs without end.
 const REMEMBERED_BYTES: usize = 1 << 20;
@@ -161,7 +168,7 @@ pub(crate) fn check_intrinsics(
 }
 
 fn intrinsics_warnings(intrinsics: &Intrinsics) -> Vec<String> {
-    let Intrinsics { fx, fy, cx, cy, width, height } = *intrinsics;
+    let Intrinsics { fx, fy, width, height, .. } = *intrinsics;
     let mut warnings = Vec::new();
     if [fx / width as f32, fy / height as f32].iter().any(|focal| !USUAL_FOCAL.contains(focal)) {
         let degrees = 2.0 * (0.5 * width as f32 / fx).atan().to_degrees();
@@ -170,14 +177,35 @@ fn intrinsics_warnings(intrinsics: &Intrinsics) -> Vec<String> {
              be those of another image size, or in millimetres"
         ));
     }
-    let inside = |center: f32, side: usize| (0.0..side as f32).contains(&center);
-    if !(inside(cx, width) && inside(cy, height)) {
-        warnings.push(format!(
-            "the principal point ({cx}, {cy}) is outside the image of {width}x{height} pixels: the intrinsics may be those \
-             of another image size"
-        ));
-    }
+    warnings.extend(principal_point_warning(intrinsics));
     warnings
+}
+
+/// Returns a warning about a principal point that is far from the middle of the image.
+fn principal_point_warning(intrinsics: &Intrinsics) -> Option<String> {
+    let Intrinsics { cx, cy, width, height, .. } = *intrinsics;
+    let (across, down) = (width as f32, height as f32);
+    let off = [(cx + 0.5) / across, (cy + 0.5) / down].map(|place| (place - 0.5).abs());
+    let size_factors = [(2.0 * cx + 1.0) / across, (2.0 * cy + 1.0) / down];
+    let is_scaled = (size_factors[0] / size_factors[1] - 1.0).abs() < SAME_SIZE_FACTOR;
+    let factor = (size_factors[0] + size_factors[1]) / 2.0;
+    let is_of_half = HALF_SIZE.contains(&size_factors[0]) && HALF_SIZE.contains(&size_factors[1]);
+    let is_far = off.iter().any(|off| *off > MAX_OFF_CENTER);
+    if !is_far && !is_of_half {
+        return None;
+    }
+    let place = if off.iter().all(|off| *off <= 0.5) { "far from the middle of" } else { "outside" };
+    let reason = if cx.abs() <= 1.0 && cy.abs() <= 1.0 {
+        "it seems not to be set".to_owned()
+    } else if is_of_half || is_scaled && factor > 1.5 {
+        format!("it is the middle of an image {factor:.1} times as large, whose intrinsics these may be")
+    } else {
+        "the intrinsics may be those of another image size".to_owned()
+    };
+    Some(format!(
+        "the principal point ({cx}, {cy}) is {place} the image of {width}x{height} pixels: {reason}; --fx (--fy, --cx, --cy) \
+         gives other ones"
+    ))
 }
 
 #[cfg(test)]
@@ -233,6 +261,24 @@ mod tests {
         assert!(intrinsics_warnings(&CAMERA).is_empty());
         let outside = intrinsics_warnings(&Intrinsics { cx: 319.5, ..CAMERA });
         assert!(outside[0].contains("principal point (319.5, 23.5) is outside the image of 64x48"), "{outside:?}");
+        for (cx, cy, expected) in [
+            (0.0, 0.0, "(0, 0) is far from the middle of the image of 64x48 pixels: it seems not to be set; --fx"),
+            (63.5, 47.5, "it is the middle of an image 2.0 times as large"),
+            (65.0, 46.0, "it is the middle of an image 2.0 times as large"),
+            (127.5, 95.5, "it is the middle of an image 4.0 times as large"),
+            (15.5, 11.5, "it is the middle of an image 0.5 times as large"),
+            (60.0, 23.5, "is far from the middle of the image of 64x48 pixels: the intrinsics may be"),
+            (0.0, 23.5, "is far from the middle of the image of 64x48 pixels: the intrinsics may be"),
+        ] {
+            let found = intrinsics_warnings(&Intrinsics { cx, cy, ..CAMERA });
+            assert!(found.len() == 1 && found[0].contains(expected), "{cx} {cy}: {found:?}");
+        }
+        for (cx, cy) in [(23.5, 31.5), (45.0, 12.0), (20.0, 35.0), (31.0, 24.5)] {
+            assert!(intrinsics_warnings(&Intrinsics { cx, cy, ..CAMERA }).is_empty(), "{cx} {cy}");
+        }
+        assert!(
+            intrinsics_warnings(&Intrinsics { cx: 0.0, cy: 0.0, width: 1, height: 1, fx: 1.0, fy: 1.0 }).is_empty()
+        );
         let wide = intrinsics_warnings(&Intrinsics { fx: 3.5, fy: 3.5, ..CAMERA });
         assert!(wide[0].contains("a field of view of 167.5 degrees"), "{wide:?}");
     }
