@@ -3,6 +3,7 @@
 use crate::decode::{image_size, read_color};
 use crate::error::COLOR_IMAGE;
 use crate::focal_length::{self, FocalLength};
+use crate::ros_topics::cameras::has_shape;
 use crate::{DatasetError, DatasetSettings};
 use serde::Serialize;
 use splatseg_geometry::Intrinsics;
@@ -130,6 +131,31 @@ impl GuessedCamera {
 /// Returns the place of the intrinsics, for messages: `file`, or the settings if they give a camera.
 pub(crate) fn camera_place(own: Option<&OwnCamera>, file: &Path) -> PathBuf {
     if own.is_some() { "dataset.fx, fy, cx and cy".into() } else { file.to_owned() }
+}
+
+/// Returns the intrinsics of a colour image of `size` `(width, height)`, which `camera` took at its resolution or another one.
+/// `source` is where the camera is from.
+///
+/// # Errors
+/// [`DatasetError::Field`] if the image has another shape, so that it cannot be the camera's. `image` is its file.
+pub(crate) fn at_resolution(
+    camera: &Intrinsics,
+    size: (usize, usize),
+    (image, source): (&Path, &str),
+) -> Result<Intrinsics, DatasetError> {
+    let stated = (camera.width, camera.height);
+    if has_shape(size, stated) {
+        return Ok(if size == stated { *camera } else { camera.resized(size.0, size.1) });
+    }
+    Err(DatasetError::Field {
+        path: image.to_owned(),
+        field: COLOR_IMAGE.to_owned(),
+        found: format!("{}x{} pixels", size.0, size.1),
+        expected: format!(
+            "the shape of {}x{}, as {source}; --fx (--fy, --cx, --cy) describes the camera of these images",
+            stated.0, stated.1
+        ),
+    })
 }
 
 /// Returns the error for a scene whose camera is not known. `file` would describe it. The motion in its colour images may

@@ -10,7 +10,8 @@ use crate::depth_file::{DEPTH_SUFFIXES, depth_path, read_depth};
 use crate::depth_scale::DepthScale;
 use crate::files::is_there;
 use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, left_out_beside, numbered_files};
-use crate::own_camera::{OwnCamera, camera_place};
+use crate::own_camera::{OwnCamera, at_resolution, camera_place};
+use crate::plausibility::warn_once;
 use crate::recorded_poses::{LOST, PoseCoverage, tracked};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{read_json, read_text_with_numbers, shortened};
@@ -67,6 +68,8 @@ pub struct ReplicaScene {
     poses: PoseCoverage,
     own_camera: Option<OwnCamera>,
     intrinsics: Intrinsics,
+    /// Where the intrinsics are from, for messages.
+    camera_source: String,
     depth_scale: DepthScale,
     left_out: Vec<LeftOut>,
 }
@@ -90,10 +93,10 @@ impl ReplicaScene {
         let path = folder.join(TRAJECTORY);
         let trajectory = if is_there(&path) { Some(read_trajectory(&path)?) } else { None };
         let own_camera = OwnCamera::from_settings(settings)?;
-        let (intrinsics, depth_scale) = read_camera(folder, settings)?;
+        let StatedCamera { intrinsics, camera_source, depth_scale } = read_camera(folder, settings)?;
         let left_out = left_out_beside(&frames, &images, &[(images.clone(), DEPTH)]);
         let (name, folder, poses) = (folder_name(folder), folder.to_owned(), PoseCoverage::NONE);
-        let mut scene = Self { name, folder, frames, trajectory, poses, own_camera, intrinsics, depth_scale, left_out };
+        let mut scene = Self { name, folder, frames, trajectory, poses, own_camera, intrinsics, camera_source, depth_scale, left_out };
         scene.poses = scene.coverage();
         Ok(scene)
     }
@@ -186,21 +189,48 @@ fn read_trajectory(path: &Path) -> Result<Vec<[f64; 16]>, DatasetError> {
     lines.map(pose).collect()
 }
 
-/// Reads the camera and the unit of depth.
-fn read_camera(folder: &Path, settings: &DatasetSettings) -> Result<(Intrinsics, DepthScale), DatasetError> {
+/// The camera and the unit of depth.
+struct StatedCamera {
+    intrinsics: Intrinsics,
+    camera_source: String,
+    depth_scale: DepthScale,
+}
+
+/// Reads the camera and the unit of depth, or warns that the published ones are assumed.
+fn read_camera(folder: &Path, settings: &DatasetSettings) -> Result<StatedCamera, DatasetError> {
     let own = folder.join(CAMERA_FILE);
     let shared = folder.canonicalize().ok().and_then(|full| Some(full.parent()?.join(CAMERA_FILE)));
-    let (params, path) = match [Some(own.clone()), shared].into_iter().flatten().find(|path| path.is_file()) {
-        Some(path) => {
-            let file: CameraFile = read_json(&path, "camera file", MAX_CAMERA_FILE_BYTES)?;
-            (file.camera, path)
-        }
-        None => (PUBLISHED, own),
-    };
+    let (params, path, camera_source) =
+        match [Some(own.clone()), shared].into_iter().flatten().find(|path| path.is_file()) {
+            Some(path) => {
+                let file: CameraFile = read_json(&path, "camera file", MAX_CAMERA_FILE_BYTES)?;
+                let source = format!("{} says", path.display());
+                (file.camera, path, source)
+            }
+            None => {
+                warn_of_published_camera(folder, settings);
+                (PUBLISHED, own, "the published Replica has, which is assumed".to_owned())
+            }
+        };
     let CameraParams { w, h, fx, fy, cx, cy, scale } = params;
-    let scale = DepthScale::stated(scale, (&path, "camera.scale"), settings)?;
+    let depth_scale = DepthScale::stated(scale, (&path, "camera.scale"), settings)?;
     let camera = Intrinsics { fx, fy, cx, cy, width: w, height: h };
-    Ok((camera.validated().map_err(|source| DatasetError::Intrinsics { path, source })?, scale))
+    let intrinsics = camera.validated().map_err(|source| DatasetError::Intrinsics { path, source })?;
+    Ok(StatedCamera { intrinsics, camera_source, depth_scale })
+}
+
+/// Warns that the camera or the unit of depth is assumed, unless the settings have them.
+fn warn_of_published_camera(folder: &Path, settings: &DatasetSettings) {
+    let CameraParams { w, h, fx, scale, .. } = PUBLISHED;
+    let camera = format!("camera (focal length {fx} for {w}x{h} pixels: --fx)");
+    let unit = format!("unit of depth ({scale} per metre: --depth-scale)");
+    let assumed = match (settings.fx, settings.depth_scale) {
+        (None, None) => format!("{camera} and {unit}"),
+        (None, Some(_)) => camera,
+        (Some(_), None) => unit,
+        (Some(_), Some(_)) => return,
+    };
+    warn_once(format!("{}: no {CAMERA_FILE}: assuming the published Replica's {assumed}", folder.display()));
 }
 
 impl Scene for ReplicaScene {
@@ -225,7 +255,7 @@ impl Scene for ReplicaScene {
         require_registered(&color, &depth, &depth_path)?;
         let intrinsics = match self.own_camera {
             Some(camera) => camera.intrinsics(color.size()),
-            None => self.intrinsics.resized(color.width(), color.height()),
+            None => at_resolution(&self.intrinsics, color.size(), (&file.path, &self.camera_source))?,
         };
         let name = file.stem.clone();
         FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: pose }.into_frame()

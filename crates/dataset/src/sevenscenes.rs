@@ -11,7 +11,7 @@ use crate::listing::{
     NamePattern, NumberedFile, fits, folder_name, has_numbered_files, left_out_beside, names_in, numbered_files,
     pose_coverage,
 };
-use crate::own_camera::{OwnCamera, camera_place};
+use crate::own_camera::{OwnCamera, at_resolution, camera_place};
 use crate::plausibility::warn_once;
 use crate::recorded_poses::PoseCoverage;
 use crate::register::{CameraPair, register_depth};
@@ -112,11 +112,14 @@ impl SevenScenesScene {
         self.folder.join(format!("{}{}", file.stem, pattern.suffixes[0]))
     }
 
-    fn color_camera(&self, size: (usize, usize)) -> Result<Intrinsics, DatasetError> {
+    /// Returns the camera of a colour image of `size` `(width, height)`, which is in the file `image`.
+    fn color_camera(&self, size: (usize, usize), image: &Path) -> Result<Intrinsics, DatasetError> {
         match (self.own_camera, self.intrinsics) {
             (Some(camera), _) => Ok(camera.intrinsics(size)),
             (None, Some(matrix)) => matrix.for_size(size, &self.folder.join(INTRINSICS_FILE)),
-            (None, None) => Ok(PUBLISHED_COLOR.resized(size.0, size.1)),
+            (None, None) => {
+                at_resolution(&PUBLISHED_COLOR, size, (image, "the published 7-Scenes have, whose camera is assumed"))
+            }
         }
     }
 }
@@ -163,7 +166,7 @@ impl Scene for SevenScenesScene {
         let mut pose = read_pose(&self.part_of(file, POSE))?.map(|stated| self.pose_format.pose(&stated));
         let mut depth = read_depth(&depth_path, self.depth_scale)?;
         let color = read_color(&file.path)?;
-        let camera = self.color_camera(color.size())?;
+        let camera = self.color_camera(color.size(), &file.path)?;
         if let Some(offset_m) = self.registration {
             let depth_camera = PUBLISHED_DEPTH.resized(depth.width(), depth.height());
             let color_from_depth = LocalPose::from_translation(-Vec3::X * offset_m);

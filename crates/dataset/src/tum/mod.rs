@@ -17,7 +17,7 @@ use crate::depth_file::read_depth;
 use crate::depth_scale::DepthScale;
 use crate::files::is_there;
 use crate::listing::folder_name;
-use crate::own_camera::{OwnCamera, camera_place};
+use crate::own_camera::{OwnCamera, at_resolution, camera_place};
 use crate::plausibility::warn_once;
 use crate::recorded_poses::{LOST, PoseCoverage, no_common_time, tracked};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
@@ -147,11 +147,12 @@ impl TumScene {
         Ok(Self { name, folder, frames, intrinsics, assumed_camera, own_camera, depth_scale, poses, left_out })
     }
 
-    fn camera(&self, size: (usize, usize)) -> Result<Intrinsics, DatasetError> {
+    /// Returns the camera of a colour image of `size` `(width, height)`, which is in the file `image`.
+    fn camera(&self, size: (usize, usize), image: &Path) -> Result<Intrinsics, DatasetError> {
         match (self.own_camera, self.intrinsics) {
             (Some(camera), _) => Ok(camera.intrinsics(size)),
             (None, Some(matrix)) => matrix.for_size(size, &self.folder.join(INTRINSICS_FILE)),
-            (None, None) => Ok(self.assumed_camera.resized(size.0, size.1)),
+            (None, None) => at_resolution(&self.assumed_camera, size, (image, "the camera has that is assumed")),
         }
     }
 }
@@ -232,7 +233,7 @@ impl Scene for TumScene {
         let depth = read_depth(&frame.depth, self.depth_scale)?;
         let color = read_color(&frame.color)?;
         require_registered(&color, &depth, &frame.depth)?;
-        let (name, intrinsics) = (frame.name.clone(), self.camera(color.size())?);
+        let (name, intrinsics) = (frame.name.clone(), self.camera(color.size(), &frame.color)?);
         // `None` for times before 1970.
         let timestamp = Duration::try_from_secs_f64(frame.seconds).ok();
         FrameParts { name, timestamp, color, depth, intrinsics, world_from_camera: pose }.into_frame()

@@ -32,6 +32,8 @@ fn write_tum(folder: &Path) {
 
 fn write_replica(folder: &Path, frame: &RgbdFrame<'_>) {
     fs::create_dir(folder.join("results")).unwrap();
+    let camera = r#"{"camera": {"w": 64, "h": 48, "fx": 58, "fy": 58, "cx": 31.5, "cy": 23.5, "scale": 6553.5}}"#;
+    fs::write(folder.join("cam_params.json"), camera).unwrap();
     fs::write(folder.join("results/frame0.jpg"), jpeg_bytes(frame.color())).unwrap();
     fs::write(folder.join("results/depth0.png"), png_depth_bytes(frame.depth(), 6553.5)).unwrap();
 }

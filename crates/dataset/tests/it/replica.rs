@@ -2,6 +2,7 @@
 
 use crate::support;
 use crate::support::recording::*;
+use crate::support::warnings::with_warnings;
 use splatseg_dataset::{DatasetError, DatasetSettings, ReplicaScene, Scene, open_scene};
 use splatseg_geometry::{RgbdFrame, SegmentMap};
 use std::fs;
@@ -76,6 +77,34 @@ fn the_cameras_file_counts_in_the_folder_and_above() {
         let error = ReplicaScene::open(&folder, &DatasetSettings::default()).unwrap_err().to_string();
         assert!(error.contains("cam_params.json: ") && error.contains(message), "{error}");
     }
+}
+
+#[test]
+fn an_assumed_camera_is_said_and_must_have_the_images_shape() {
+    let folder = tempfile::tempdir().unwrap();
+    write_replica(folder.path(), &[0, 1, 2]);
+    let (_, warnings) = with_warnings(|| open(folder.path()));
+    let [warning] = warnings.as_slice() else { panic!("{warnings:?}") };
+    assert!(warning.contains("no cam_params.json: assuming the published Replica's camera (focal length 600"), "{warning}");
+    assert!(warning.contains("--fx) and unit of depth (6553.5 per metre: --depth-scale)"), "{warning}");
+    let own = DatasetSettings::default().with(|settings| settings.fx = Some(30.0));
+    let (_, warnings) = with_warnings(|| open_scene(folder.path(), &own).unwrap());
+    assert!(warnings.len() == 1 && warnings[0].contains("Replica's unit of depth"), "{warnings:?}");
+
+    let camera = |w: usize, h: usize| {
+        format!(r#"{{"camera": {{"w": {w}, "h": {h}, "fx": 60, "fy": 60, "cx": 60, "cy": 34, "scale": 6553.5}}}}"#)
+    };
+    fs::write(folder.path().join("cam_params.json"), camera(64, 48)).unwrap();
+    let error = open(folder.path()).read_frame(0).unwrap_err().to_string();
+    assert!(
+        error.contains("frame000000.jpg: colour image: found 60x34 pixels, expected the shape of 64x48, as ")
+            && error.contains("cam_params.json says; --fx"),
+        "{error}"
+    );
+    assert!(open_scene(folder.path(), &own).unwrap().read_frame(0).is_ok());
+    fs::write(folder.path().join("cam_params.json"), camera(120, 68)).unwrap();
+    let (scene, warnings) = with_warnings(|| open(folder.path()));
+    assert_eq!((scene.read_frame(0).unwrap().intrinsics().fx, warnings), (30.0, vec![]));
 }
 
 #[test]

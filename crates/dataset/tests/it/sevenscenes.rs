@@ -44,6 +44,14 @@ fn without_intrinsics_the_published_camera_is_assumed() {
     fs::remove_file(folder.path().join("camera-intrinsics.txt")).unwrap();
     let camera = *open(folder.path()).read_frame(0).unwrap().intrinsics();
     assert_eq!((camera.fx, camera.fy), (52.5, 52.5), "525 for 640 pixels, this image has 64");
+    for file in ["color.png", "depth.png"] {
+        write_png16(&folder.path().join(format!("frame-000000.{file}")), (64, 36), |_, _| 2000);
+    }
+    let error = open(folder.path()).read_frame(0).unwrap_err().to_string();
+    assert!(error.contains("color.png: colour image: found 64x36 pixels, expected the shape of 640x480"), "{error}");
+    assert!(error.contains("--fx"), "{error}");
+    let own = DatasetSettings::default().with(|settings| settings.fx = Some(52.5));
+    assert!(open_scene(folder.path(), &own).unwrap().read_frame(0).is_ok());
 }
 
 #[test]

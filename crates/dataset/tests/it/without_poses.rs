@@ -30,6 +30,8 @@ fn write(folder: &Path, name: &str, bytes: impl AsRef<[u8]>) {
 }
 
 fn write_replica(folder: &Path) {
+    let camera = r#"{"camera": {"w": 64, "h": 48, "fx": 58, "fy": 58, "cx": 31.5, "cy": 23.5, "scale": 6553.5}}"#;
+    write(folder, "cam_params.json", camera);
     for (index, frame) in frames().iter().enumerate() {
         write(folder, &format!("results/frame{index:06}.jpg"), jpeg_bytes(frame.color()));
         write(folder, &format!("results/depth{index:06}.png"), png_depth_bytes(frame.depth(), 6553.5));
