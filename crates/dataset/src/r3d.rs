@@ -11,12 +11,14 @@ use crate::decode::{MAX_PIXELS, decode_color, encoded_size, require_decoding_mem
 use crate::depth_scale::DepthScale;
 use crate::error::{COLOR_IMAGE, CONFIDENCE_IMAGE, DEPTH_IMAGE};
 use crate::files::{is_there, open_file, read_file};
-use crate::frame_list::{FrameFiles, FrameList, FrameListScene, ListedFrame, StatedPoses, listed_quaternion};
+use crate::frame_list::{FrameFiles, FrameList, FrameListScene, ListedFrame, StatedPoses};
 use crate::listing::{folder_name, names_in};
+use crate::recorded_poses::listed_quaternion;
 use crate::scene::LeftOut;
 use crate::text::{not_text, parse_json};
 use crate::undistort::Camera;
 use crate::{DatasetError, DatasetSettings, Format};
+use glam::{DQuat, DVec3};
 use lzfse_rust::LzfseRingDecoder;
 use serde::Deserialize;
 use splatseg_files::text_of;
@@ -169,8 +171,8 @@ impl ListReader<'_> {
         let place = PathBuf::from(format!("{}: frame {number}", self.place.display()));
         let world_from_camera = match self.metadata.poses.get(number) {
             Some([qx, qy, qz, qw, x, y, z]) => {
-                let stated =
-                    listed_quaternion([*x, *y, *z], [*qx, *qy, *qz, *qw], (self.place, &format!("pose {number}")))?;
+                let (position, rotation) = (DVec3::new(*x, *y, *z), DQuat::from_xyzw(*qx, *qy, *qz, *qw));
+                let stated = listed_quaternion(position, rotation, (self.place, &format!("pose {number}")))?;
                 self.poses.pose(stated, || place.clone())?
             }
             None => None,

@@ -10,11 +10,40 @@
 
 use crate::stamps::time_range;
 use crate::{DatasetError, LeftOut};
+use glam::{DQuat, DVec3};
 use splatseg_geometry::{Pose, PoseError};
 use std::path::{Path, PathBuf};
 
 /// End of the reason for frames whose poses are not finite.
 pub(crate) const LOST: &str = "is NaN or infinite: tracking was lost";
+
+/// Tolerance for the length of a quaternion, because text is rounded. Other lengths mean numbers in the wrong order.
+const QUATERNION_TOLERANCE: f64 = 0.02;
+
+/// Returns true if a quaternion has length 1, as far as it is rounded.
+pub(crate) fn has_unit_length(rotation: DQuat) -> bool {
+    (rotation.length() - 1.0).abs() <= QUATERNION_TOLERANCE
+}
+
+/// Makes a pose of a position and a quaternion in text that is rounded.
+///
+/// # Errors
+/// [`DatasetError::Field`] if the quaternion does not have length 1. `place` is the file and field.
+pub(crate) fn listed_quaternion(
+    position: DVec3,
+    rotation: DQuat,
+    (path, field): (&Path, &str),
+) -> Result<Result<Pose, PoseError>, DatasetError> {
+    if rotation.is_finite() && position.is_finite() && !has_unit_length(rotation) {
+        return Err(DatasetError::Field {
+            path: path.to_owned(),
+            field: field.to_owned(),
+            found: format!("a quaternion of length {:.3}", rotation.length()),
+            expected: "qx qy qz qw of length 1".to_owned(),
+        });
+    }
+    Ok(Pose::from_quaternion(position, rotation))
+}
 
 /// Returns a stated pose, or `None` if tracking was lost. `place` names the file and line in errors.
 ///

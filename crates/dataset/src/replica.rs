@@ -96,7 +96,18 @@ impl ReplicaScene {
         let StatedCamera { intrinsics, camera_source, depth_scale } = read_camera(folder, settings)?;
         let left_out = left_out_beside(&frames, &images, &[(images.clone(), DEPTH)]);
         let (name, folder, poses) = (folder_name(folder), folder.to_owned(), PoseCoverage::NONE);
-        let mut scene = Self { name, folder, frames, trajectory, poses, own_camera, intrinsics, camera_source, depth_scale, left_out };
+        let mut scene = Self {
+            name,
+            folder,
+            frames,
+            trajectory,
+            poses,
+            own_camera,
+            intrinsics,
+            camera_source,
+            depth_scale,
+            left_out,
+        };
         scene.poses = scene.coverage();
         Ok(scene)
     }

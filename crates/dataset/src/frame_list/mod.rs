@@ -8,7 +8,7 @@ mod files;
 mod stated_poses;
 
 pub(crate) use files::{FrameFiles, PlainFiles, drop_unconfident};
-pub(crate) use stated_poses::{StatedPoses, listed_quaternion};
+pub(crate) use stated_poses::StatedPoses;
 
 use crate::error::{COLOR_IMAGE, DEPTH_IMAGE};
 use crate::own_camera::{OwnCamera, camera_place};

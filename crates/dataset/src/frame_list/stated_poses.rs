@@ -2,12 +2,8 @@
 
 use crate::recorded_poses::tracked;
 use crate::{DatasetError, DatasetSettings};
-use glam::{DQuat, DVec3};
 use splatseg_geometry::{CameraAxes, Pose, PoseError, PoseFormat};
-use std::path::{Path, PathBuf};
-
-/// Tolerance for the length of a quaternion: other lengths mean numbers in the wrong order.
-const QUATERNION_TOLERANCE: f64 = 0.02;
+use std::path::PathBuf;
 
 /// How the poses of a recording are stated: the format's convention between the two parts of the settings. What the
 /// settings say about numbers applies to them as stored; what they say about axes and direction applies to poses that are
@@ -51,32 +47,14 @@ impl StatedPoses {
     }
 }
 
-/// Makes a pose of a position and a quaternion `x y z w` in text that is rounded.
-///
-/// # Errors
-/// [`DatasetError::Field`] if the quaternion does not have length 1. `place` is the file and field.
-pub(crate) fn listed_quaternion(
-    position: [f64; 3],
-    quaternion: [f64; 4],
-    (path, field): (&Path, &str),
-) -> Result<Result<Pose, PoseError>, DatasetError> {
-    let (position, rotation) = (DVec3::from_array(position), DQuat::from_array(quaternion));
-    if rotation.is_finite() && position.is_finite() && (rotation.length() - 1.0).abs() > QUATERNION_TOLERANCE {
-        return Err(DatasetError::Field {
-            path: path.to_owned(),
-            field: field.to_owned(),
-            found: format!("a quaternion of length {:.3}", rotation.length()),
-            expected: "qx qy qz qw of length 1".to_owned(),
-        });
-    }
-    Ok(Pose::from_quaternion(position, rotation))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recorded_poses::listed_quaternion;
     use crate::{PoseConvention, QuaternionOrder};
+    use glam::{DQuat, DVec3};
     use splatseg_geometry::CameraAxes::OpenGl;
+    use std::path::Path;
 
     fn stated() -> Pose {
         Pose::from_quaternion(DVec3::new(1.0, 2.0, 3.0), DQuat::from_rotation_y(0.4)).unwrap()
@@ -115,9 +93,9 @@ mod tests {
     fn lost_tracking_is_no_pose_and_other_lengths_are_errors() {
         let place = (Path::new("a"), "frame 3");
         let poses = StatedPoses::camera_to_world(OpenGl, &DatasetSettings::default());
-        let lost = listed_quaternion([f64::NAN; 3], [f64::NAN; 4], place).unwrap();
+        let lost = listed_quaternion(DVec3::NAN, DQuat::from_array([f64::NAN; 4]), place).unwrap();
         assert_eq!(poses.pose(lost, PathBuf::new).unwrap(), None);
-        let error = listed_quaternion([0.0; 3], [1.0; 4], place).unwrap_err().to_string();
+        let error = listed_quaternion(DVec3::ZERO, DQuat::from_array([1.0; 4]), place).unwrap_err().to_string();
         assert_eq!(error, "a: frame 3: found a quaternion of length 2.000, expected qx qy qz qw of length 1");
     }
 }

@@ -1,7 +1,7 @@
 //! Reading of text files with poses, such as `poses.txt` in a plain folder: TUM RGB-D lines, or 4x4 matrices.
 
 use crate::DatasetError;
-use crate::recorded_poses::tracked;
+use crate::recorded_poses::{has_unit_length, tracked};
 use crate::stamps::{Stamp, TimeScale};
 use crate::text::{read_text_with_numbers, shortened};
 use glam::{DQuat, DVec3};
@@ -10,8 +10,6 @@ use std::path::Path;
 
 /// Maximum file size, enough for half a million poses as text.
 const MAX_BYTES: u64 = 64 << 20;
-/// Tolerance for the length of a quaternion, because text is rounded. Other lengths mean numbers in the wrong order.
-const QUATERNION_TOLERANCE: f64 = 0.02;
 
 /// A pose of a list.
 #[derive(Clone, Copy, Debug)]
@@ -155,7 +153,7 @@ pub(super) fn listed_pose(
     [tx, ty, tz, qx, qy, qz, qw]: [f64; 7],
 ) -> Result<Option<Pose>, DatasetError> {
     let (position, rotation) = (DVec3::new(tx, ty, tz), DQuat::from_xyzw(qx, qy, qz, qw));
-    if rotation.is_finite() && position.is_finite() && (rotation.length() - 1.0).abs() > QUATERNION_TOLERANCE {
+    if rotation.is_finite() && position.is_finite() && !has_unit_length(rotation) {
         let expected = format!(
             "a quaternion qx qy qz qw of length 1 at the end of the line (this one has length {:.3})",
             rotation.length()

@@ -5,8 +5,9 @@
 
 use crate::DatasetError;
 use crate::files::read_file;
-use crate::frame_list::listed_quaternion;
+use crate::recorded_poses::listed_quaternion;
 use crate::text::{PinholeMatrix, not_text, shortened};
+use glam::{DQuat, DVec3};
 use splatseg_files::text_of;
 use splatseg_geometry::{Pose, PoseError};
 use std::collections::BTreeMap;
@@ -94,7 +95,7 @@ fn parse(
             Some(PinholeMatrix { fx, fy, cx, cy })
         }
     };
-    let pose = listed_quaternion([x, y, z], [qx, qy, qz, qw], (path, &field))?;
+    let pose = listed_quaternion(DVec3::new(x, y, z), DQuat::from_xyzw(qx, qy, qz, qw), (path, &field))?;
     Ok((frame as u64, OdometryLine { number: index + 1, seconds, pose, camera }))
 }
 

@@ -28,7 +28,7 @@ pub(super) struct TimedPose {
     pub(super) seconds: f64,
     /// Camera position, metres.
     pub(super) position: DVec3,
-    /// Rotation from camera to world axes, not normalised.
+    /// Rotation from camera to world axes, of the length that is written.
     pub(super) rotation: DQuat,
     /// Number of its line, from 1, for messages.
     pub(super) line: usize,

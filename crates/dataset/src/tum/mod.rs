@@ -19,7 +19,7 @@ use crate::files::is_there;
 use crate::listing::folder_name;
 use crate::own_camera::{OwnCamera, at_resolution, camera_place};
 use crate::plausibility::warn_once;
-use crate::recorded_poses::{LOST, PoseCoverage, no_common_time, tracked};
+use crate::recorded_poses::{LOST, PoseCoverage, listed_quaternion, no_common_time, tracked};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::stamps::no_pairs;
 use crate::text::{PinholeMatrix, shortened};
@@ -155,6 +155,18 @@ impl TumScene {
             (None, None) => at_resolution(&self.assumed_camera, size, (image, "the camera has that is assumed")),
         }
     }
+
+    /// Returns the file and line of a pose, for messages.
+    fn pose_place(&self, pose: &TimedPose) -> PathBuf {
+        format!("{}: line {}", self.folder.join(TRAJECTORY).display(), pose.line).into()
+    }
+
+    /// Returns a pose of the trajectory; `None` if tracking was lost.
+    fn world_from_camera(&self, pose: &TimedPose) -> Result<Option<Pose>, DatasetError> {
+        let place = self.pose_place(pose);
+        let stated = listed_quaternion(pose.position, pose.rotation, (&place, "pose"))?;
+        tracked(stated, || place)
+    }
 }
 
 /// Counts the frames without a pose. `path` is the trajectory, for errors.
@@ -228,8 +240,7 @@ impl Scene for TumScene {
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let frame = entry(&self.frames, index, &self.name)?;
         // The benchmark uses the same camera axes.
-        let stated = frame.pose.map(|pose| Pose::from_quaternion(pose.position, pose.rotation));
-        let pose = stated.map(|pose| tracked(pose, || self.file_of(index, FramePart::Pose))).transpose()?.flatten();
+        let pose = frame.pose.map(|pose| self.world_from_camera(&pose)).transpose()?.flatten();
         let depth = read_depth(&frame.depth, self.depth_scale)?;
         let color = read_color(&frame.color)?;
         require_registered(&color, &depth, &frame.depth)?;
@@ -266,10 +277,9 @@ impl Scene for TumScene {
     fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
         match (self.frames.get(index), part) {
             (Some(frame), FramePart::Depth) => frame.depth.clone(),
-            (Some(frame), FramePart::Pose) => match frame.pose {
-                Some(pose) => format!("{}: line {}", self.folder.join(TRAJECTORY).display(), pose.line).into(),
-                None => self.folder.join(TRAJECTORY),
-            },
+            (Some(frame), FramePart::Pose) => {
+                frame.pose.map_or_else(|| self.folder.join(TRAJECTORY), |pose| self.pose_place(&pose))
+            }
             (_, FramePart::Intrinsics) => camera_place(self.own_camera.as_ref(), &self.folder.join(INTRINSICS_FILE)),
             (None, _) => self.folder.clone(),
         }

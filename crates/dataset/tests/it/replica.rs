@@ -85,7 +85,10 @@ fn an_assumed_camera_is_said_and_must_have_the_images_shape() {
     write_replica(folder.path(), &[0, 1, 2]);
     let (_, warnings) = with_warnings(|| open(folder.path()));
     let [warning] = warnings.as_slice() else { panic!("{warnings:?}") };
-    assert!(warning.contains("no cam_params.json: assuming the published Replica's camera (focal length 600"), "{warning}");
+    assert!(
+        warning.contains("no cam_params.json: assuming the published Replica's camera (focal length 600"),
+        "{warning}"
+    );
     assert!(warning.contains("--fx) and unit of depth (6553.5 per metre: --depth-scale)"), "{warning}");
     let own = DatasetSettings::default().with(|settings| settings.fx = Some(30.0));
     let (_, warnings) = with_warnings(|| open_scene(folder.path(), &own).unwrap());

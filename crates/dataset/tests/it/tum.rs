@@ -41,7 +41,7 @@ fn write_tum(folder: &Path) {
         depth += &format!("{:.6} {depth_name}\n", seconds - 0.006);
         // The nearest pose is the frame's own. Its neighbours are wrong.
         trajectory += &pose_line(seconds - 0.008, &Pose::IDENTITY, 1.0);
-        trajectory += &pose_line(seconds + 0.002, frame.world_from_camera(), 1.0 + index as f64);
+        trajectory += &pose_line(seconds + 0.002, frame.world_from_camera(), 1.0 - 0.005 * index as f64);
         trajectory += &pose_line(seconds + 0.012, &Pose::IDENTITY, 1.0);
     }
     fs::write(folder.join("rgb.txt"), color).unwrap();
@@ -255,16 +255,59 @@ fn a_quaternion_without_a_direction_is_an_error_of_its_frame() {
     let folder = tempfile::tempdir().unwrap();
     write_tum(folder.path());
     let second = START + SPACING;
-    let text = format!("{START} 0 0 0 0 0 0 0\n{second} 1 2 3 0 0 0 nan\n{} 1 2 3 0 0 0 -2\n", second + SPACING);
+    let text = format!("{START} 0 0 0 0 0 0 0\n{second} 1 2 3 0 0 0 nan\n{} 1 2 3 0 0 0 -1\n", second + SPACING);
     fs::write(folder.path().join("groundtruth.txt"), text).unwrap();
     let scene = open(folder.path());
     let error = scene.read_frame(0).unwrap_err().to_string();
-    assert!(error.contains("groundtruth.txt: line 1: the pose's quaternion has length zero"), "{error}");
+    assert!(error.contains("groundtruth.txt: line 1: pose: found a quaternion of length 0.000"), "{error}");
     assert!(matches!(scene.read_frame(1), Err(DatasetError::NoPose { .. })));
     assert_eq!(scene.read_recorded(1).unwrap().world_from_camera, None);
     let what = "whose pose in groundtruth.txt is NaN or infinite: tracking was lost".to_owned();
     assert_eq!(scene.without_pose(), [LeftOut { count: 1, what }]);
     assert_eq!(scene.read_frame(2).unwrap().world_from_camera().translation().to_array(), [1.0, 2.0, 3.0]);
+}
+
+#[test]
+fn a_quaternion_of_another_length_is_an_error_of_its_frame() {
+    let folder = tempfile::tempdir().unwrap();
+    write_tum(folder.path());
+    // Four Euler angles or a swapped position are no rotation.
+    for (numbers, is_good) in [("0.1 0.2 0.3 0.4", false), ("1 2 3 1", false), ("0 0 0 2", false), ("0 0 0 1.01", true)]
+    {
+        let lines = (0..3).map(|index| format!("{} 1 2 3 {numbers}\n", START + SPACING * f64::from(index)));
+        fs::write(folder.path().join("groundtruth.txt"), lines.collect::<String>()).unwrap();
+        let read = open(folder.path()).read_frame(1).map_err(|error| error.to_string());
+        match read {
+            Ok(_) => assert!(is_good, "{numbers}"),
+            Err(error) => assert!(
+                !is_good
+                    && error.contains("groundtruth.txt: line 2: pose: found a quaternion of length ")
+                    && error.ends_with("expected qx qy qz qw of length 1"),
+                "{error}"
+            ),
+        }
+    }
+}
+
+#[test]
+fn images_of_another_shape_than_the_assumed_cameras_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    write_tum(folder.path());
+    for (part, color) in [("rgb", true), ("depth", false)] {
+        for file in fs::read_dir(folder.path().join(part)).unwrap() {
+            let path = file.unwrap().path();
+            if color {
+                image::RgbImage::new(64, 36).save(path).unwrap();
+            } else {
+                support::write_png16(&path, (64, 36), |_, _| 5000);
+            }
+        }
+    }
+    let error = open(folder.path()).read_frame(0).unwrap_err().to_string();
+    assert!(error.contains("colour image: found 64x36 pixels, expected the shape of 640x480, as"), "{error}");
+    assert!(error.contains("--fx"), "{error}");
+    let own = DatasetSettings::default().with(|settings| settings.fx = Some(50.0));
+    assert!(open_scene(folder.path(), &own).unwrap().read_frame(0).is_ok());
 }
 
 #[test]
