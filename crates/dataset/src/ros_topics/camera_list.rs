@@ -1,6 +1,6 @@
 //! The cameras of a topic's images, each valid from some time on.
 
-use super::cameras::{Calibration, ImageFacts};
+use super::cameras::{Calibration, ImageFacts, has_shape};
 use super::contents::{Content, Images, StampedPlace, Topic};
 use crate::DatasetError;
 use crate::own_camera::OwnCamera;
@@ -40,7 +40,7 @@ impl Cameras {
         own: Option<OwnCamera>,
         path: &Path,
     ) -> Result<Self, DatasetError> {
-        let facts = image_facts(images, own);
+        let facts = image_facts(images, info, own);
         let Some(topic) = info else { return Self::of_settings(facts, path) };
         let place = format!("{}: {}", path.display(), topic.name);
         let (mut list, mut starts, mut unusable) = (Vec::new(), Vec::new(), None);
@@ -73,13 +73,7 @@ impl Cameras {
             }
             None => {}
         }
-        let only_p = |(_, calibration): &&(StampedPlace, Calibration)| calibration.has_only_p(facts);
-        if let (None, Some((_, first))) = (own, calibrations(topic).iter().find(only_p)) {
-            warn_once(format!(
-                "{place}: {}: P is used as the camera's intrinsics; --fx (--fy, --cx, --cy) gives other ones",
-                first.text()
-            ));
-        }
+        warn_of_assumptions(&place, topic, (images.0, facts));
         let in_order = starts.is_sorted_by_key(|start: &StampedPlace| start.stamp)
             && starts.iter().all(|start| fits(start, images.1));
         Ok(Self { topic: topic.name.clone(), list, starts, in_order })
@@ -106,7 +100,7 @@ impl Cameras {
         Self { topic: UNKNOWN_CAMERA.to_owned(), list: Vec::new(), starts: Vec::new(), in_order: true }
     }
 
-    /// Replaces the intrinsics. `of_size` returns them for images of a size, `(width, height)`.
+    /// Replaces the intrinsics. `of_size` returns them for images of a stated size, `(width, height)`.
     pub(crate) fn replace_intrinsics(&mut self, of_size: impl Fn((usize, usize)) -> Intrinsics) {
         for camera in &mut self.list {
             camera.intrinsics = of_size((camera.intrinsics.width, camera.intrinsics.height));
@@ -124,10 +118,50 @@ impl Cameras {
     }
 }
 
-/// Returns what is known about the images of a topic. `own` is the camera of the settings, if it is theirs.
-pub(crate) fn image_facts((topic, images): (&Topic, &Images), own: Option<OwnCamera>) -> ImageFacts {
+/// Warns if P is used for K, K is scaled, or the lens is ignored. `place` is the topic of camera infos, for messages.
+fn warn_of_assumptions(place: &str, topic: &Topic, (images, facts): (&Topic, ImageFacts)) {
+    let remedy = "--fx (--fy, --cx, --cy)";
+    let mut infos = calibrations(topic).iter().map(|(_, calibration)| calibration);
+    if facts.own.is_some() {
+        if let Some(error) = infos.find_map(|info| info.lens().err()).filter(|_| !facts.is_rectified) {
+            warn_once(format!("{place}: {error}: the lens is ignored, as the settings describe the camera"));
+        }
+        return;
+    }
+    if let Some(first) = infos.clone().find(|info| info.has_only_p(facts)) {
+        warn_once(format!(
+            "{place}: {}: P is used as the camera's intrinsics; {remedy} gives other ones",
+            first.text()
+        ));
+    }
+    if let Some(((stated, size), first)) =
+        infos.next().and_then(|info| Some((info.stated_size().zip(facts.unstated_size())?, info)))
+        && has_shape(stated, size)
+    {
+        warn_once(format!(
+            "{place}: the camera info is that of images of {}x{} pixels, those of {} have {}x{}: {} and are scaled; {remedy} \
+             gives other ones",
+            stated.0,
+            stated.1,
+            images.name,
+            size.0,
+            size.1,
+            first.text()
+        ));
+    }
+}
+
+/// Returns what is known about the images of a topic, whose camera infos are in the topic `info`. `own` is the camera of
+/// the settings, if it is theirs.
+pub(crate) fn image_facts(
+    (topic, images): (&Topic, &Images),
+    info: Option<&Topic>,
+    own: Option<OwnCamera>,
+) -> ImageFacts {
+    let mut stated = info.into_iter().flat_map(calibrations).filter_map(|(_, calibration)| calibration.stated_size());
+    let is_of_other_size = stated.clone().next().is_some() && stated.all(|stated| Some(stated) != images.size);
     // Names of undistorted images in drivers and image_proc: image_rect, image_rect_raw, image_rect_color.
-    ImageFacts { is_rectified: topic.name.contains("image_rect"), size: images.size, own }
+    ImageFacts { is_rectified: topic.name.contains("image_rect"), size: images.size, is_of_other_size, own }
 }
 
 /// Returns the camera infos of a topic that differ.

@@ -4,7 +4,7 @@ use crate::DatasetError;
 use crate::own_camera::OwnCamera;
 use crate::undistort::Camera;
 use glam::{DVec2, dvec2};
-use splatseg_geometry::{Distortion, Intrinsics};
+use splatseg_geometry::{Distortion, DistortionError, Intrinsics};
 use splatseg_ros::CameraInfo;
 use std::path::Path;
 
@@ -28,8 +28,17 @@ pub(crate) struct ImageFacts {
     pub(crate) is_rectified: bool,
     /// Size of the first image, `(width, height)`, if it can be read.
     pub(crate) size: Option<(usize, usize)>,
+    /// True if camera infos state sizes, and none of them is that of the first image.
+    pub(crate) is_of_other_size: bool,
     /// The camera of the settings.
     pub(crate) own: Option<OwnCamera>,
+}
+
+impl ImageFacts {
+    /// Returns the size of the first image, if none of the camera infos states it.
+    pub(crate) fn unstated_size(&self) -> Option<(usize, usize)> {
+        self.size.filter(|_| self.is_of_other_size)
+    }
 }
 
 impl Calibration {
@@ -57,10 +66,14 @@ impl Calibration {
         (size_of::<Self>() + self.model.len() + 8 * self.coefficients.len()) as u64
     }
 
+    /// Returns the image size that it states, `(width, height)`, if it does.
+    pub(crate) fn stated_size(&self) -> Option<(usize, usize)> {
+        (self.width > 0 && self.height > 0).then_some((self.width as usize, self.height as usize))
+    }
+
     /// Returns the image size, `(width, height)`, or that of the images where the camera info has none.
     fn size(&self, images: ImageFacts) -> (usize, usize) {
-        let stated = (self.width as usize, self.height as usize);
-        if stated.0 == 0 || stated.1 == 0 { images.size.unwrap_or(stated) } else { stated }
+        self.stated_size().or(images.size).unwrap_or_default()
     }
 
     /// Returns the camera with K, or with P.
@@ -78,32 +91,53 @@ impl Calibration {
     /// Returns true if it describes a camera, alone or with that of the settings.
     pub(crate) fn is_usable(&self, own: Option<OwnCamera>) -> bool {
         // The size of images may not be known yet.
-        let facts = |is_rectified| ImageFacts { is_rectified, size: Some((1, 1)), own };
+        let facts = |is_rectified| ImageFacts { is_rectified, size: Some((1, 1)), is_of_other_size: false, own };
         [false, true].iter().any(|is_rectified| self.camera(facts(*is_rectified), Path::new("")).is_ok())
     }
 
     /// Returns the camera of images. Its intrinsics are those of the settings if they give any, otherwise P for images
-    /// that were rectified before recording, otherwise K, or P if there is no K. `path` is named in errors.
+    /// that were rectified before recording, otherwise K, or P if there is no K. Those of another resolution than the images
+    /// are scaled. With intrinsics of the settings, an unreadable lens is ignored. `path` is named in errors.
     ///
     /// # Errors
     /// If the intrinsics or the model of the lens are invalid.
     pub(crate) fn camera(&self, images: ImageFacts, path: &Path) -> Result<Camera, DatasetError> {
-        let has_k = self.pinhole(false, images).validated().is_ok();
         let uses_p = images.is_rectified && self.rectified[0] > 0.0 || self.has_only_p(images);
         let stated = self.pinhole(uses_p, images);
-        let intrinsics = images.own.map_or(stated, |own| own.intrinsics((stated.width, stated.height)));
+        let stated_size = (stated.width, stated.height);
+        let intrinsics = images.own.map_or(stated, |own| own.intrinsics(images.unstated_size().unwrap_or(stated_size)));
         let intrinsics =
             intrinsics.validated().map_err(|source| DatasetError::Intrinsics { path: path.to_owned(), source })?;
-        let distortion = match Distortion::from_coefficients(&self.model, &self.coefficients) {
+        let intrinsics = match images.unstated_size() {
+            Some((width, height)) if images.own.is_none() && has_shape((width, height), stated_size) => {
+                intrinsics.resized(width, height)
+            }
+            _ => intrinsics,
+        };
+        let distortion = match self.lens() {
             _ if images.is_rectified => Distortion::None,
             Ok(distortion) => distortion,
-            // Such a camera info is damaged as a whole.
-            Err(_) if images.own.is_some() && !has_k => Distortion::None,
+            Err(_) if images.own.is_some() => Distortion::None,
             Err(error) => {
-                return Err(DatasetError::Other { scene: path.display().to_string(), source: error.into() });
+                let text = format!("{error}; --fx (--fy, --cx, --cy) describes the camera, without its lens");
+                return Err(DatasetError::Other { scene: path.display().to_string(), source: text.into() });
             }
         };
         Ok(Camera { intrinsics, distortion })
+    }
+
+    /// Returns the lens. Some drivers write the coefficients of a rational polynomial as `plumb_bob`, or give the lens of
+    /// `equidistant` the name it has in OpenCV or in its author's paper.
+    ///
+    /// # Errors
+    /// If its model is unknown or its coefficients are invalid.
+    pub(crate) fn lens(&self) -> Result<Distortion, DistortionError> {
+        let model = match (self.model.as_str(), self.coefficients.len()) {
+            ("plumb_bob", 8 | 12 | 14) => "rational_polynomial",
+            ("fisheye" | "kannala_brandt" | "kannala_brandt4", 0 | 4) => "equidistant",
+            (model, _) => model,
+        };
+        Distortion::from_coefficients(model, &self.coefficients)
     }
 
     /// Describes K and P, for messages.

@@ -1,6 +1,6 @@
 //! Reading of a frame's images: decoding, undistortion, and registration of depth to colour.
 
-use super::camera_list::Cameras;
+use super::camera_list::{Cameras, image_facts};
 use super::cameras::has_shape;
 use super::choice::Choice;
 use super::contents::{Images, MessagePlace, Topic};
@@ -73,7 +73,11 @@ impl FrameReader {
         }
         if let (Some(_), Alignment::SameCamera, Some(camera)) = (own_camera, alignment, color.list.first()) {
             let camera = camera.intrinsics;
-            depth.replace_intrinsics(|(width, height)| camera.resized(width, height));
+            let unstated = image_facts(choice.depth, choice.depth_info, own_camera).unstated_size();
+            depth.replace_intrinsics(|stated| {
+                let (width, height) = unstated.unwrap_or(stated);
+                camera.resized(width, height)
+            });
         }
         let depth_scale = match maker.contents.depth_unit_of(&choice.depth.0.name) {
             Some((topic, metres)) => {
@@ -164,9 +168,7 @@ impl FrameReader {
         let camera = entry(&source.cameras.list, camera, &source.cameras.topic)?;
         let expected = (camera.intrinsics.width, camera.intrinsics.height);
         if image.size() != expected {
-            let found = image.size();
-            let expected_from = "its camera info";
-            return Err(DatasetError::SizesDiffer { path, what: decode.what, found, expected, expected_from });
+            return Err(of_another_size((path, decode.what), image.size(), expected, decode.remedy));
         }
         let undistorted = source.undistortion.get(camera, &path)?;
         let image = match undistorted.map {
@@ -251,6 +253,21 @@ impl FrameReader {
     }
 }
 
+/// Returns the error for an image, described by its path and kind, that has another size than its camera.
+fn of_another_size(
+    (path, what): (PathBuf, &str),
+    found: (usize, usize),
+    expected: (usize, usize),
+    remedy: &str,
+) -> DatasetError {
+    DatasetError::Field {
+        path,
+        field: what.to_owned(),
+        found: format!("{}x{} pixels", found.0, found.1),
+        expected: format!("{}x{}, as its camera info says; {remedy}", expected.0, expected.1),
+    }
+}
+
 /// Returns the cameras of depth; none if its camera info is unusable and depth may be that of the colour camera.
 fn depth_cameras(maker: &FrameMaker<'_>, own: Option<OwnCamera>) -> Result<Cameras, DatasetError> {
     let choice = &maker.choice;
@@ -284,6 +301,8 @@ type Undistort<T> = fn(&Undistortion, &Image<T>, &Path) -> Result<Image<T>, Data
 /// Functions for reading images of one kind.
 struct ImageDecoder<T: Clone + 'static> {
     what: &'static str,
+    /// What to do if the camera info is that of other images.
+    remedy: &'static str,
     raw: fn(&RawImage<'_>, Option<DepthScale>, &Path) -> Decoded<T>,
     compressed: fn(&CompressedImage<'_>, Option<DepthScale>, &Path) -> Decoded<T>,
     undistort: Undistort<T>,
@@ -291,12 +310,15 @@ struct ImageDecoder<T: Clone + 'static> {
 
 const COLOR: ImageDecoder<[u8; 3]> = ImageDecoder {
     what: crate::error::COLOR_IMAGE,
+    remedy: "--fx (--fy, --cx, --cy) describes the camera of these images",
     raw: |message, _, path| images::raw_color(message, path),
     compressed: |message, _, path| images::compressed_color(message, path),
     undistort: |map, image, path| map.color(image, path),
 };
 const DEPTH: ImageDecoder<f32> = ImageDecoder {
     what: crate::error::DEPTH_IMAGE,
+    remedy: "--set dataset.depth_camera_info=TOPIC chooses another one, or --register-depth false takes the pixels of depth \
+             for those of colour",
     raw: images::raw_depth,
     compressed: images::compressed_depth,
     undistort: |map, image, path| map.depth(image, path),

@@ -176,8 +176,8 @@ fn pair(choice: &Choice<'_>, own: Option<OwnCamera>, (color, depth): (&Cameras, 
         let mut cameras = calibrations(info?).iter();
         cameras.find_map(|(_, calibration)| calibration.camera(facts, place).ok())
     };
-    let color_facts = image_facts(choice.color, None);
-    let depth_facts = image_facts(choice.depth, None);
+    let color_facts = image_facts(choice.color, choice.color_info, None);
+    let depth_facts = image_facts(choice.depth, choice.depth_info, None);
     let alike = super::cameras::ImageFacts { is_rectified: color_facts.is_rectified, ..depth_facts };
     // Without a usable camera info, the settings describe colour.
     let color_camera = first(choice.color_info, color_facts).or_else(|| {

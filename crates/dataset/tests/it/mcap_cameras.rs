@@ -3,7 +3,7 @@
 use crate::support::mcap::{FRAME_NS, McapWriter, OPTICAL, START, camera_transform, depth_bytes, header, info, raw};
 use crate::support::recording::{jpeg_bytes, png_depth_bytes, recording};
 use crate::support::two_ways::{Found, read};
-use splatseg_dataset::{DatasetSettings, DepthRegistration};
+use splatseg_dataset::{DatasetSettings, DepthRegistration, RecordingScene, Scene};
 use splatseg_geometry::{Intrinsics, RgbdFrame};
 use splatseg_ros::{CameraInfo, CompressedImage};
 use std::sync::OnceLock;
@@ -153,6 +153,97 @@ fn p_is_used_where_k_is_empty() {
         let found = read(&bytes, &own()).unwrap();
         has_camera(&found);
         assert_eq!(found.warnings, [""; 0]);
+    }
+}
+
+/// Returns a camera info of images of another size, `(width, height)`, of the same view.
+fn of_size((width, height): (usize, usize)) -> impl Fn(i64) -> CameraInfo {
+    move |stamp| info(stamp, OPTICAL, &camera().resized(width, height))
+}
+
+fn only_warning(found: &Found) -> &str {
+    let [warning] = found.warnings.as_slice() else { panic!("{:?}", found.warnings) };
+    warning
+}
+
+#[test]
+fn a_camera_info_of_another_resolution_is_scaled_and_of_another_shape_refused() {
+    for jpeg in [true, false] {
+        let twice = of_size((32, 24));
+        let bytes = written(Recorded { info: Some(&twice), jpeg, ..NOTHING });
+        let found = read(&bytes, &DatasetSettings::default()).unwrap();
+        has_camera(&found);
+        let warning = only_warning(&found);
+        assert!(
+            warning.starts_with(
+                "a.mcap: /color/camera_info: the camera info is that of images of 32x24 pixels, those of "
+            ) && warning.contains(" have 16x12: K has fx ")
+                && warning.ends_with("are scaled; --fx (--fy, --cx, --cy) gives other ones"),
+            "{warning}"
+        );
+        let wide = of_size((16, 9));
+        let bytes = written(Recorded { info: Some(&wide), jpeg, ..NOTHING });
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        std::fs::write(&path, &bytes).unwrap();
+        let scene = RecordingScene::open(&path, &DatasetSettings::default()).unwrap();
+        let text = scene.read_recorded(0).unwrap_err().to_string();
+        assert!(
+            text.contains("colour image: found 16x12 pixels, expected 16x9, as its camera info says; --fx"),
+            "{text}"
+        );
+        for info in [&twice as &dyn Fn(i64) -> CameraInfo, &wide] {
+            let bytes = written(Recorded { info: Some(info), jpeg, ..NOTHING });
+            let found = read(&bytes, &own()).unwrap();
+            has_camera(&found);
+            assert_eq!(found.warnings, [""; 0]);
+        }
+    }
+    let (small, matching) = (of_size((8, 6)), whole);
+    let bytes = written(Recorded { info: Some(&matching), depth_info: Some(&small), ..NOTHING });
+    has_camera(&read(&bytes, &DatasetSettings::default()).unwrap());
+}
+
+#[test]
+fn the_settings_replace_an_unreadable_lens() {
+    for (model, coefficients, expected) in [
+        ("division", vec![0.1], "distortion model: found \"division\""),
+        ("plumb_bob", vec![f64::NAN; 5], "number 1 is NaN"),
+        ("plumb_bob", vec![0.1; 3], "found 3 of them"),
+    ] {
+        let info = |stamp| CameraInfo { d: coefficients.clone(), distortion_model: model.to_owned(), ..whole(stamp) };
+        for depth_info in [None, Some(&info as &dyn Fn(i64) -> CameraInfo)] {
+            let bytes = written(Recorded { info: Some(&info), depth_info, ..NOTHING });
+            let text = error(&bytes);
+            assert!(
+                text.contains(expected) && text.contains("; --fx (--fy, --cx, --cy) describes the camera"),
+                "{text}"
+            );
+            let found = read(&bytes, &own()).unwrap();
+            has_camera(&found);
+            let ending = ": the lens is ignored, as the settings describe the camera";
+            assert!(
+                found.warnings.iter().any(|text| text.contains(expected) && text.ends_with(ending)),
+                "{found:?}",
+                found = found.warnings
+            );
+        }
+    }
+}
+
+#[test]
+fn lenses_have_other_names_in_some_drivers() {
+    let read_as = |model: &str, coefficients: &[f64]| {
+        let info = |stamp| CameraInfo { d: coefficients.to_vec(), distortion_model: model.to_owned(), ..whole(stamp) };
+        let found = read(&written(Recorded { info: Some(&info), ..NOTHING }), &DatasetSettings::default()).unwrap();
+        assert_eq!(found.warnings, [""; 0], "{model}");
+        found.frames
+    };
+    let rational = [0.1, 0.02, 0.0, 0.0, 0.0, 0.3, 0.01, 0.0];
+    assert!(read_as("plumb_bob", &rational) == read_as("rational_polynomial", &rational));
+    let angles = [0.1, 0.02, 0.0, 0.0];
+    for name in ["fisheye", "kannala_brandt"] {
+        assert!(read_as(name, &angles) == read_as("equidistant", &angles), "{name}");
     }
 }
 
