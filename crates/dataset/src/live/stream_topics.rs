@@ -44,6 +44,7 @@ impl StreamTopics {
         // First what may fail for lack of a message, so that nothing is warned of before topics are chosen.
         let reader = Arc::new(FrameReader::new(&maker)?);
         let (poses, pose_text) = maker.pose_source()?;
+        maker.warn_of_quaternions();
         let camera = choice.color.1.frame.clone();
         let world = maker.world_frame().filter(|world| !world.is_empty()).map(str::to_owned);
         let coordinate_frames = CoordinateFrames { camera, world };

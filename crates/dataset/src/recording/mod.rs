@@ -117,6 +117,7 @@ impl RecordingScene {
         let choice = Chooser { path: &path, contents, settings }.choose()?;
         warn_of_unreadable(&path, &choice);
         let maker = FrameMaker { path: &path, contents, settings, choice };
+        maker.warn_of_quaternions();
         let reader = FrameReader::new(&maker)?;
         let (pose_source, pose_text) = maker.pose_source()?;
         let cameras = (&reader.color.cameras, &reader.depth.cameras);

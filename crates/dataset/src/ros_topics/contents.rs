@@ -5,7 +5,8 @@ use super::clock::{Recorded, Stamped};
 use super::frame_names::{frame_name, one_line};
 use super::images::{ImageKind, compressed_kind, compressed_size, raw_kind};
 use super::paths::PathPoses;
-use super::poses::{PoseType, Poses, rigid_of_transform};
+use super::poses::{PoseType, Poses, parts_of_transform};
+use super::quaternions::QuaternionCounts;
 use super::sdk_topics::{is_depth_unit, is_extrinsics};
 use super::timeline::{Order, Timeline};
 use super::transform_tree::TransformTree;
@@ -129,6 +130,7 @@ pub(crate) struct Contents {
     /// In the order of their first channels.
     pub(crate) topics: Vec<Topic>,
     pub(crate) tree: TransformTree,
+    pub(crate) quaternions: QuaternionCounts,
     /// Index of the topic with each name and type.
     known: BTreeMap<(String, String), usize>,
     /// Number of messages so far.
@@ -145,6 +147,7 @@ impl Contents {
             path: path.to_owned(),
             topics: Vec::new(),
             tree: TransformTree::default(),
+            quaternions: QuaternionCounts::default(),
             known: BTreeMap::new(),
             messages: 0,
             order: Order::default(),
@@ -240,7 +243,8 @@ impl Contents {
         self.messages += 1;
         let recorded = Recorded { log_time: i64::try_from(log_time).unwrap_or(i64::MAX), number: self.messages };
         topic.count(log_time);
-        match topic.content.record(&topic.name, &TopicMessage { data, recorded, place }, &mut self.tree) {
+        let message = TopicMessage { data, recorded, place };
+        match topic.content.record(&topic.name, &message, (&mut self.tree, &mut self.quaternions)) {
             Ok(kept) => self.add_memory(kept),
             Err(error) => {
                 topic.count_unreadable(&error);
@@ -264,7 +268,7 @@ impl Contents {
     /// If it cannot be read.
     pub(crate) fn record(&mut self, topic: usize, message: &TopicMessage<'_>) -> Result<(), CdrError> {
         let Some(topic) = self.topics.get_mut(topic) else { return Ok(()) };
-        let recorded = topic.content.record(&topic.name, message, &mut self.tree);
+        let recorded = topic.content.record(&topic.name, message, (&mut self.tree, &mut self.quaternions));
         recorded.map(drop).inspect_err(|error| topic.count_unreadable(error))
     }
 
@@ -340,7 +344,12 @@ impl Content {
     }
 
     /// Records a message. Returns the memory it uses, bytes.
-    fn record(&mut self, topic: &str, message: &TopicMessage<'_>, tree: &mut TransformTree) -> Result<u64, CdrError> {
+    fn record(
+        &mut self,
+        topic: &str,
+        message: &TopicMessage<'_>,
+        (tree, quaternions): (&mut TransformTree, &mut QuaternionCounts),
+    ) -> Result<u64, CdrError> {
         let recorded = message.recorded;
         let stamp_of = |stamp: Time| match stamp.nanoseconds() {
             // Some drivers do not set the stamp.
@@ -361,13 +370,15 @@ impl Content {
                 list.push((StampedPlace { stamp, recorded, place: message.place }, calibration));
                 Ok(memory)
             }
-            Self::Poses(poses) => poses.record((message.data, recorded), stamp_of),
+            Self::Poses(poses) => {
+                poses.record((message.data, recorded), stamp_of, |parts| quaternions.pose(topic, parts))
+            }
             Self::Transforms { is_fixed } => {
                 let transforms: TfMessage = from_cdr(message.data)?;
                 for transform in &transforms.transforms {
                     let (parent, child) =
                         (frame_name(&transform.header.frame_id), frame_name(&transform.child_frame_id));
-                    if let Some(rigid) = rigid_of_transform(transform) {
+                    if let Some(rigid) = quaternions.transform((&parent, &child), parts_of_transform(transform)) {
                         let sample = Sample { stamp: stamp_of(transform.header.stamp), recorded, transform: rigid };
                         tree.add(&parent, &child, sample, *is_fixed);
                     }

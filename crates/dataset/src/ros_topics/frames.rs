@@ -117,6 +117,18 @@ impl<'a> FrameMaker<'a> {
         DatasetError::Field { path: self.path.to_owned(), field: field.to_owned(), found, expected }
     }
 
+    /// Warns about transforms and poses whose quaternions do not have length 1: all transforms, and the poses that are
+    /// used.
+    pub(crate) fn warn_of_quaternions(&self) {
+        let topic = match self.choice.pose {
+            PoseChoice::Topic(topic, _) => Some(topic.name.as_str()),
+            PoseChoice::Tree | PoseChoice::None(_) => None,
+        };
+        for line in self.contents.quaternions.warnings(topic) {
+            warn_once(format!("{}: {line}", self.path.display()));
+        }
+    }
+
     /// Returns the source of the poses, and its description. Warns about contradictory transforms, and poses of another
     /// body that are taken for the camera's.
     ///

@@ -19,6 +19,7 @@ mod images;
 mod links;
 mod paths;
 mod poses;
+mod quaternions;
 pub(crate) mod reader;
 mod registration;
 pub(crate) mod sdk_topics;

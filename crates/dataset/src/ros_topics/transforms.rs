@@ -9,6 +9,9 @@ use splatseg_geometry::{Pose, PoseError};
 const SAME_DISTANCE_M: f64 = 1e-6;
 const SAME_ANGLE: f64 = 1e-6;
 
+/// The position and the quaternion of a message, as they are written.
+pub(crate) type Parts = (DVec3, DQuat);
+
 /// A rigid transform from one frame to another, in the precision of the recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Rigid {

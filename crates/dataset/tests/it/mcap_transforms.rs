@@ -283,3 +283,70 @@ fn images_in_the_frame_of_a_link_are_hinted_at_and_not_changed() {
     let turned = transform(START, "base_link", "rgb_camera_link", DVec3::Z, turn);
     assert_eq!(of("rgb_camera_link", &[turned]).warnings, [""; 0]);
 }
+
+/// Returns a transform with the quaternion of `turn` at another length.
+fn stretched(message: TfMessage, length: f64) -> TfMessage {
+    let stretch = |mut transform: splatseg_ros::TransformStamped| {
+        let Quaternion { x, y, z, w } = transform.transform.rotation;
+        let [x, y, z, w] = [x, y, z, w].map(|number| number * length);
+        transform.transform.rotation = Quaternion { x, y, z, w };
+        transform
+    };
+    TfMessage { transforms: message.transforms.into_iter().map(stretch).collect() }
+}
+
+#[test]
+fn transforms_without_a_rotation_are_counted() {
+    let bytes = written(&[], |stamp, pose| vec![stretched(of_pose(stamp, "map", OPTICAL, pose), 0.0)]);
+    let found = read(&bytes, &none()).unwrap();
+    assert!(found.frames.iter().all(|(_, pose)| pose.is_none()) && found.sources[2].starts_with("poses: none"));
+    let expected =
+        format!("a.mcap: transforms from {OPTICAL} to map: {FRAMES} left out, as the quaternion has length 0");
+    assert_eq!(found.warnings, [expected]);
+    // The error that follows does not tell it.
+    let text = read(&bytes, &named(|s| s.pose = Some("/tf".to_owned()))).map(|_| ()).unwrap_err();
+    assert!(text.contains("expected a frame in /tf"), "{text}");
+    let bytes = written(&[stretched(fixed("map", "nowhere"), f64::NAN)], |stamp, pose| {
+        vec![of_pose(stamp, "map", OPTICAL, pose)]
+    });
+    assert_eq!(read(&bytes, &none()).unwrap().warnings, [""; 0], "tracking was lost");
+}
+
+#[test]
+fn quaternions_of_another_length_are_counted_and_normalised() {
+    let bytes = written(&[], |stamp, pose| vec![stretched(of_pose(stamp, "map", OPTICAL, pose), 1.5)]);
+    let found = read(&bytes, &none()).unwrap();
+    has_poses(&found);
+    let [warning] = found.warnings.as_slice() else { panic!("{:?}", found.warnings) };
+    let start = format!(
+        "a.mcap: transforms from {OPTICAL} to map: {FRAMES} with a quaternion of another length than 1 (the first: 1.500)"
+    );
+    assert!(warning.starts_with(&start) && warning.contains("--pose"), "{warning}");
+    let bytes = written(&[], |stamp, pose| vec![stretched(of_pose(stamp, "map", OPTICAL, pose), 1.01)]);
+    assert_eq!(read(&bytes, &none()).unwrap().warnings, [""; 0]);
+}
+
+#[test]
+fn only_the_poses_that_are_used_must_have_length_one() {
+    let mut writer = McapWriter::new();
+    let all: Vec<&RgbdFrame> = frames().iter().collect();
+    write_frames(&mut writer, &all, Parts { poses: false, ..ALL });
+    for (frame, index) in frames().iter().zip(0..) {
+        let stamp = START + index * FRAME_NS;
+        for (topic, length) in [("/odom", 1.1), ("/goal", 0.0)] {
+            let pose = frame.world_from_camera();
+            let DVec3 { x, y, z } = pose.translation();
+            let turn = DQuat::from_mat3(&pose.rotation()).to_array().map(|number| number * length);
+            let orientation = Quaternion { x: turn[0], y: turn[1], z: turn[2], w: turn[3] };
+            let pose = PoseMessage { position: Point { x, y, z }, orientation };
+            let pose = PoseWithCovariance { pose, ..PoseWithCovariance::default() };
+            let child_frame_id = OPTICAL.to_owned();
+            let odometry = Odometry { header: header(stamp, "map"), child_frame_id, pose, ..Default::default() };
+            writer.write(topic, &odometry, stamp);
+        }
+    }
+    let found = read(&writer.finish(), &named(|s| s.pose = Some("/odom".to_owned()))).unwrap();
+    has_poses(&found);
+    let [warning] = found.warnings.as_slice() else { panic!("{:?}", found.warnings) };
+    assert!(warning.starts_with("a.mcap: poses of /odom: 6 with a quaternion of another length"), "{warning}");
+}
