@@ -74,6 +74,18 @@ impl SceneDescription {
         });
     }
 
+    /// Warns if more frames are left out for one reason than are in the scene.
+    pub(crate) fn warn_of_left_out(&self) {
+        for LeftOut { count, what } in self.left_out.iter().filter(|left_out| left_out.count > self.frames) {
+            warn_once(format!(
+                "{}: most frames are left out: {} {what}; {} of the scene remain",
+                self.name,
+                frames(*count),
+                self.frames
+            ));
+        }
+    }
+
     /// Warns if frames are downscaled only because of `max_pixels`.
     pub(crate) fn warn_of_reduction(&self, settings: &DatasetSettings) {
         let Some(original) = self.original_size else { return };

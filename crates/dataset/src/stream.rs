@@ -98,6 +98,7 @@ impl FrameStream {
             }
         }
         description.warn_of_reduction(settings);
+        description.warn_of_left_out();
         if let Some(last) = done.checked_sub(1).and_then(|last| selected.get(last)) {
             job.unknown_from = last + 1;
         }

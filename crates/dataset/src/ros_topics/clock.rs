@@ -43,6 +43,7 @@ pub(crate) trait Stamped {
     const KEEPS_LAST: bool = false;
     /// Stamp, nanoseconds.
     fn stamp(&self) -> i64;
+    fn set_stamp(&mut self, stamp: i64);
     fn recorded(&self) -> Recorded;
 }
 

@@ -12,6 +12,7 @@ use super::timeline::{Order, Timeline};
 use super::transform_tree::TransformTree;
 use super::transforms::{Instant, Sample};
 use crate::DatasetError;
+use crate::plausibility::warn_once;
 use splatseg_files::{MemoryLimit, display_bytes};
 use splatseg_ros::{CameraInfo, CdrError, CompressedImage, Image, TfMessage, Time, from_cdr};
 use std::collections::BTreeMap;
@@ -102,6 +103,10 @@ impl Stamped for StampedPlace {
         self.stamp
     }
 
+    fn set_stamp(&mut self, stamp: i64) {
+        self.stamp = stamp;
+    }
+
     fn recorded(&self) -> Recorded {
         self.recorded
     }
@@ -169,12 +174,40 @@ impl Contents {
         if self.topics.iter().any(|topic| topic.goes_back || clock_stands_still(topic)) {
             self.order = Order::Number;
         }
+        self.replace_constant_stamps();
         self.tree.sort(self.order);
         for topic in &mut self.topics {
             match &mut topic.content {
                 Content::Images(images) => images.timeline.sort(self.order),
                 Content::Poses(poses) => poses.timeline.sort(self.order),
                 _ => {}
+            }
+        }
+    }
+
+    /// Replaces constant stamps by recording times, with a warning, as missing stamps are. Those of poses and transforms only
+    /// count if those of images are constant: latched ones are repeated.
+    fn replace_constant_stamps(&mut self) {
+        let mut is_stuck = false;
+        for topic in &mut self.topics {
+            let Content::Images(images) = &mut topic.content else { continue };
+            let Some(stamp) = images.timeline.constant_stamp() else { continue };
+            is_stuck = true;
+            images.timeline.replace_constant_stamp();
+            warn_once(format!(
+                "{}: all images of {} have one stamp, {:.3} s: their recording times are used instead, which may be late",
+                self.path.display(),
+                topic.name,
+                stamp as f64 * 1e-9
+            ));
+        }
+        if !is_stuck {
+            return;
+        }
+        self.tree.replace_constant_stamps();
+        for topic in &mut self.topics {
+            if let Content::Poses(poses) = &mut topic.content {
+                poses.timeline.replace_constant_stamp();
             }
         }
     }

@@ -87,6 +87,11 @@ impl Link {
         self.repeated = None;
     }
 
+    /// Replaces the stamps of the transforms from `/tf` in a recording by their recording times, if all are the same.
+    pub(crate) fn replace_constant_stamp(&mut self) {
+        self.timeline.replace_constant_stamp();
+    }
+
     /// Sorts all transforms of a recording by time.
     pub(crate) fn sort(&mut self, order: Order) {
         self.timeline.sort(order);

@@ -73,6 +73,22 @@ impl<T: Stamped> Timeline<T> {
         self.recorded.len()
     }
 
+    /// Returns the stamp of all messages that are not sorted in, if there are several and all have the same, although they
+    /// were recorded at different times: the clock stands still, or a constant was written.
+    pub(crate) fn constant_stamp(&self) -> Option<i64> {
+        let (first, rest) = self.recorded.split_first()?;
+        let is_constant = rest.iter().all(|message| message.stamp() == first.stamp());
+        let is_recorded_later = rest.iter().any(|message| message.recorded().log_time != first.recorded().log_time);
+        (rest.len() >= 2 && is_constant && is_recorded_later).then(|| first.stamp())
+    }
+
+    /// Replaces the stamps of the messages that are not sorted in by their recording times, if all are the same.
+    pub(crate) fn replace_constant_stamp(&mut self) {
+        if self.constant_stamp().is_some() {
+            self.recorded.iter_mut().for_each(|message| message.set_stamp(message.recorded().log_time));
+        }
+    }
+
     /// Divides all messages of a recording's topic into stretches.
     pub(crate) fn sort(&mut self, order: Order) {
         let messages = std::mem::take(&mut self.recorded);
@@ -313,6 +329,10 @@ mod tests {
             self.stamp
         }
 
+        fn set_stamp(&mut self, stamp: i64) {
+            self.stamp = stamp;
+        }
+
         fn recorded(&self) -> Recorded {
             self.recorded
         }
@@ -364,6 +384,18 @@ mod tests {
         let forward_and_back = (10..60).chain(36_000..36_050).chain(110..160);
         let expected = vec![(10..60).chain(36_000..36_050).collect(), (110..160).collect()];
         assert_eq!(stretches(forward_and_back), (expected, 0));
+    }
+
+    #[test]
+    fn a_constant_stamp_is_replaced_by_the_recording_time() {
+        let timeline = |stamps: &[i64]| {
+            let mut timeline = Timeline::default();
+            messages(stamps.iter().copied()).into_iter().for_each(|message| timeline.record(message));
+            timeline.replace_constant_stamp();
+            timeline.sort(Order::LogTime);
+            timeline.len()
+        };
+        assert_eq!([timeline(&[7; 5]), timeline(&[7; 2]), timeline(&[7, 7, 7, 8]), timeline(&[])], [5, 1, 2, 0]);
     }
 
     #[test]

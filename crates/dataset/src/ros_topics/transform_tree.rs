@@ -109,6 +109,11 @@ impl TransformTree {
         self.links.values_mut().flatten().for_each(|link| link.restart(at));
     }
 
+    /// Replaces the stamps of moving transforms by their recording times, where all of a frame are the same.
+    pub(crate) fn replace_constant_stamps(&mut self) {
+        self.links.values_mut().flatten().for_each(Link::replace_constant_stamp);
+    }
+
     /// Sorts all transforms by time.
     pub(crate) fn sort(&mut self, order: Order) {
         self.links.values_mut().flatten().for_each(|link| link.sort(order));

@@ -78,6 +78,10 @@ impl Stamped for Sample {
         self.stamp
     }
 
+    fn set_stamp(&mut self, stamp: i64) {
+        self.stamp = stamp;
+    }
+
     fn recorded(&self) -> Recorded {
         self.recorded
     }
@@ -95,6 +99,10 @@ pub(crate) struct Instant {
 impl Stamped for Instant {
     fn stamp(&self) -> i64 {
         self.stamp
+    }
+
+    fn set_stamp(&mut self, stamp: i64) {
+        self.stamp = stamp;
     }
 
     fn recorded(&self) -> Recorded {

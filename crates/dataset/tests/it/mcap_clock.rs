@@ -2,7 +2,8 @@
 
 use crate::support::mcap::{FRAME_NS, McapWriter, OPTICAL, START, camera_transform, depth_bytes, header, info, raw};
 use crate::support::recording::{jpeg_bytes, recording};
-use splatseg_dataset::{DatasetSettings, RecordedFrame, RecordingScene, Scene, open_scene};
+use crate::support::warnings::with_warnings;
+use splatseg_dataset::{DatasetSettings, FrameStream, GroundTruth, RecordedFrame, RecordingScene, Scene, open_scene};
 use splatseg_geometry::RgbdFrame;
 use std::fs;
 
@@ -217,4 +218,47 @@ fn a_recording_without_log_times_uses_the_order_of_its_messages() {
     set_clock(&mut stamps, 12, -HOUR, false);
     stamps.iter_mut().for_each(|stamps| stamps.log = 0);
     assert_eq!(opened(&stamps).0, all_but(&[]));
+}
+
+#[test]
+fn a_clock_that_stands_still_is_replaced_by_the_recording_times() {
+    let stuck = |change: fn(&mut Stamps)| {
+        let mut stamps = good();
+        stamps.iter_mut().for_each(change);
+        with_warnings(|| opened(&stamps))
+    };
+    let ((found, missing), warnings) =
+        stuck(|stamps| (stamps.color, stamps.depth, stamps.pose, stamps.info) = (START, START, START, START));
+    assert_eq!((found, missing), (all_but(&[]), vec![]));
+    let told = |topic: &str| {
+        let text = format!("all images of {topic} have one stamp, 1700000000.000 s: their recording times are used");
+        warnings.iter().any(|warning| warning.contains(&text))
+    };
+    assert!(warnings.len() == 2 && told("/camera/image_raw/compressed") && told("/camera/depth"), "{warnings:?}");
+}
+
+#[test]
+fn most_frames_left_out_is_a_warning() {
+    let frames = frames();
+    let mut writer = McapWriter::new();
+    for (index, frame) in (0..).zip(&frames) {
+        let stamp = START + index * FRAME_NS;
+        writer.write("/camera/camera_info", &info(stamp, OPTICAL, frame.intrinsics()), stamp);
+        let jpeg = jpeg_bytes(frame.color());
+        let color = splatseg_ros::CompressedImage { header: header(stamp, OPTICAL), format: "jpeg", data: &jpeg };
+        writer.write("/camera/image_raw/compressed", &color, stamp);
+        if index % 6 == 0 {
+            let data = depth_bytes(frame);
+            writer.write("/camera/depth", &raw(stamp, OPTICAL, "16UC1", frame.depth().size(), &data), stamp);
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("rarely.mcap");
+    fs::write(&path, writer.finish()).unwrap();
+    let settings = DatasetSettings::default();
+    let scene = open_scene(&path, &settings).unwrap();
+    let ((), warnings) = with_warnings(|| FrameStream::open(scene, &settings, GroundTruth::Skip).map(drop).unwrap());
+    let expected = "rarely: most frames are left out: 20 frames without a depth image within 20 ms of their colour image; 4 of \
+                    the scene remain";
+    assert_eq!(warnings, [expected]);
 }
