@@ -2,6 +2,7 @@
 
 use crate::DatasetError;
 use crate::files::MemoryRequirement;
+use crate::plausibility::warn_once;
 use glam::{DVec2, dvec2};
 use splatseg_geometry::{CowImage, Distortion, Image, Intrinsics, Pose};
 use std::path::Path;
@@ -17,6 +18,10 @@ const NEAREST_M: f64 = 0.1;
 const NEEDED_MARGIN: f64 = 2.0;
 /// Directions with a smaller forward component than this (of a unit vector) are not bounded.
 const MIN_FORWARD: f64 = 0.05;
+/// A lens that shows nothing in more than this share of an image is doubted...
+const MOST_UNSEEN: f64 = 0.3;
+/// ...or of an image that is widened, whose corners a round view leaves empty.
+const MOST_UNSEEN_WIDENED: f64 = 0.8;
 /// Number of places along each side of an image at which its view is measured.
 const BORDER_PLACES: usize = 64;
 
@@ -81,7 +86,9 @@ impl Undistortion {
         };
         let sources = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
         let sources = sources.map(|(column, row)| source(column, row)).collect();
-        Ok(Some(Self { width, height, source: (camera.width, camera.height), sources }))
+        let map = Self { width, height, source: (camera.width, camera.height), sources };
+        map.warn_of_unseen(if target == camera { MOST_UNSEEN } else { MOST_UNSEEN_WIDENED }, path);
+        Ok(Some(map))
     }
 
     /// Returns the `(width, height)` of the images it applies to, pixels.
@@ -126,6 +133,20 @@ impl Undistortion {
         self.require_size(image.size(), "depth image", path)?;
         let nearest = |at: f32, len: usize| (at.round().max(0.0) as usize).min(len - 1);
         Ok(self.draw(|[x, y]| image[(nearest(x, self.source.0), nearest(y, self.source.1))]))
+    }
+
+    /// Warns if more than the share `most` of the pixels are outside the lens's view. `path` is named.
+    fn warn_of_unseen(&self, most: f64, path: &Path) {
+        let count = self.sources.iter().filter(|source| source.is_none()).count();
+        let share = count as f64 / self.sources.len().max(1) as f64;
+        if share > most {
+            warn_once(format!(
+                "{}: the lens sees nothing in {:.0} % of the undistorted image, which stay black: check the model and the \
+                 coefficients of the lens; for recordings, --camera-info chooses other ones",
+                path.display(),
+                100.0 * share
+            ));
+        }
     }
 
     fn draw<T: Clone + Default>(&self, pixel: impl Fn([f32; 2]) -> T) -> Image<T> {

@@ -1,5 +1,6 @@
 //! Undistorted images agree with OpenCV's. `tools/make_undistortion_test_data.py` generates the reference images.
 
+use crate::support::warnings::with_warnings;
 use glam::dvec2;
 use proptest::prelude::*;
 use serde::Deserialize;
@@ -191,4 +192,20 @@ fn frames_that_arrive_one_by_one_are_corrected_alike() {
     assert!(correct(&camera, &Distortion::None).unwrap() == (color.clone(), depth.clone()));
     let error = correct(&Intrinsics { width: 5, ..camera }, &lens).unwrap_err().to_string();
     assert!(error.starts_with("camera: "), "{error}");
+}
+
+#[test]
+fn a_lens_that_leaves_most_of_the_image_black_is_doubted() {
+    let Golden { camera, lenses } = golden();
+    let warnings = |coefficients: &[f64]| {
+        let lens = Distortion::from_coefficients("plumb_bob", coefficients).unwrap();
+        with_warnings(|| map(&camera, &lens)).1
+    };
+    let found = warnings(&[80.0, 0.0, 0.0, 0.0]);
+    let [warning] = found.as_slice() else { panic!("{found:?}") };
+    assert!(warning.starts_with("camera: the lens sees nothing in 9") && warning.contains("coefficients"), "{warning}");
+    assert_eq!(warnings(&[-0.3, 0.1, 0.0, 0.0]), [""; 0]);
+    for lens in &lenses {
+        assert_eq!(with_warnings(|| map(&camera, &lens.distortion())).1, [""; 0], "{}", lens.name);
+    }
 }
