@@ -81,7 +81,12 @@ impl<'a> Chooser<'a> {
             Some(name) => Some(self.info_named("camera_info", name)?),
             None => match self.info_of(color)? {
                 None if !is_described => return Err(self.no_info("colour", color.0, COLOR_INFO_REMEDY)),
-                info => info,
+                info => {
+                    if !is_described && has_depth {
+                        self.warn_of_depth_info((color.0, depth.0), info);
+                    }
+                    info
+                }
             },
         };
         let pose = self.pose(color.1)?;
@@ -240,9 +245,7 @@ impl<'a> Chooser<'a> {
     /// Returns the camera info of images: the one next to them, or else the only one with their frame; `None` if there
     /// is none. One without a usable camera is taken only if there is no other.
     fn info_of(&self, (topic, images): (&'a Topic, &'a Images)) -> Result<Option<&'a Topic>, DatasetError> {
-        let base = without_transport(&topic.name);
-        let folder = base.rsplit_once('/').map_or("", |(folder, _)| folder);
-        let beside = format!("{folder}/camera_info");
+        let beside = info_beside(topic);
         let own = OwnCamera::from_settings(self.settings).ok().flatten();
         let is_usable = |topic: &Topic| calibrations(topic).iter().any(|(_, calibration)| calibration.is_usable(own));
         let beside = self.infos().map(|(topic, _)| topic).find(|topic| topic.name == beside);
@@ -260,6 +263,20 @@ impl<'a> Chooser<'a> {
             warn_once(format!("{path}: {}: {}: {} is used instead", beside.name, first.text(), found.name));
         }
         Ok(found.or(beside))
+    }
+
+    /// Warns if the camera info of colour is that beside the topic of depth, because colour has none of its own.
+    fn warn_of_depth_info(&self, (color, depth): (&Topic, &Topic), info: Option<&Topic>) {
+        let has_own = self.infos().any(|(topic, _)| topic.name == info_beside(color));
+        if let Some(info) = info.filter(|info| info.name == info_beside(depth) && !has_own) {
+            warn_once(format!(
+                "{}: {} has no camera info of its own: that of {}, {}, is used, as it has the same frame; {COLOR_INFO_REMEDY}",
+                self.path.display(),
+                color.name,
+                depth.name,
+                info.name
+            ));
+        }
     }
 
     fn no_info(&self, what: &str, topic: &Topic, remedy: &str) -> DatasetError {
@@ -312,6 +329,12 @@ impl<'a> Chooser<'a> {
 /// Returns true if a value of the setting `pose` is the transform tree.
 pub(crate) fn is_tree(name: &str) -> bool {
     [TF, TF_STATIC].iter().any(|tf| tf.trim_start_matches('/') == name.trim_start_matches('/'))
+}
+
+/// Returns the name that the camera info of an image topic usually has.
+fn info_beside(topic: &Topic) -> String {
+    let folder = without_transport(&topic.name).rsplit_once('/').map_or("", |(folder, _)| folder);
+    format!("{folder}/camera_info")
 }
 
 /// Returns the name of the topic with the raw images.

@@ -205,6 +205,19 @@ fn a_camera_info_of_another_resolution_is_scaled_and_of_another_shape_refused() 
 }
 
 #[test]
+fn the_camera_info_of_depth_is_used_for_colour_with_a_warning() {
+    let bytes = written(Recorded { depth_info: Some(&whole), jpeg: false, ..NOTHING });
+    let found = read(&bytes, &DatasetSettings::default()).unwrap();
+    has_camera(&found);
+    let expected = "a.mcap: /color/image_raw has no camera info of its own: that of /depth/image_raw, /depth/camera_info, is \
+                    used, as it has the same frame; --camera-info chooses one, or --fx describes the camera";
+    assert_eq!(found.warnings, [expected]);
+    assert_eq!(read(&bytes, &own()).unwrap().warnings, [""; 0]);
+    let named = DatasetSettings::default().with(|s| s.camera_info = Some("/depth/camera_info".to_owned()));
+    assert_eq!(read(&bytes, &named).unwrap().warnings, [""; 0]);
+}
+
+#[test]
 fn the_settings_replace_an_unreadable_lens() {
     for (model, coefficients, expected) in [
         ("division", vec![0.1], "distortion model: found \"division\""),
