@@ -205,6 +205,35 @@ pub(crate) fn raw_depth(
     image_of(message, pixels, path)
 }
 
+/// Every Nth row is read to find the order of bytes.
+const ORDER_ROWS: usize = 8;
+/// The other order of bytes is that of the numbers if neighbours differ by this many times less in it.
+const SMOOTHER: u64 = 20;
+
+/// Returns true if the numbers of a depth image of 16 bits have the other order of bytes than the message says: they are far
+/// smoother then. Numbers that need one byte only say nothing.
+pub(crate) fn has_swapped_bytes(message: &RawImage<'_>) -> bool {
+    let row_bytes = (message.width as usize).saturating_mul(2);
+    if !matches!(message.encoding, "16UC1" | "mono16") || message.step == 0 || row_bytes == 0 {
+        return false;
+    }
+    let (mut as_stated, mut swapped, mut pairs, mut of_two_bytes) = (0_u64, 0_u64, 0_u64, 0_u64);
+    let rows = message.data.chunks(message.step as usize).step_by(ORDER_ROWS);
+    for row in rows.filter_map(|row| row.get(..row_bytes)) {
+        for [one, next] in row.as_chunks::<2>().0.array_windows() {
+            if *one == [0; 2] || *next == [0; 2] {
+                continue;
+            }
+            let differences = [u16::from_le_bytes, u16::from_be_bytes].map(|read| read(*one).abs_diff(read(*next)));
+            let [little, big] = differences.map(u64::from);
+            let (stated, other) = if message.is_bigendian == 0 { (little, big) } else { (big, little) };
+            (as_stated, swapped) = (as_stated + stated, swapped + other);
+            (pairs, of_two_bytes) = (pairs + 1, of_two_bytes + u64::from(!one.contains(&0)));
+        }
+    }
+    2 * of_two_bytes > pairs && as_stated > pairs && as_stated > SMOOTHER * swapped
+}
+
 /// Decodes a compressed colour image. `path` is named in errors.
 pub(crate) fn compressed_color(message: &CompressedImage<'_>, path: &Path) -> Result<Image<[u8; 3]>, DatasetError> {
     decode_color(path, message.data)
@@ -316,6 +345,29 @@ mod tests {
         let data: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
         let depth = raw_depth(&raw("32FC1", (6, 1), 24, &data), None, Path::new("a")).unwrap();
         assert_eq!(depth.pixels(), [1.5, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn the_order_of_bytes_is_that_in_which_depth_is_smooth() {
+        let depth = |column: usize, row: usize| (900 + 3 * column + 40 * (column / 16) + 5 * row) as u16;
+        let places = || (0..16).flat_map(|row| (0..64).map(move |column| (column, row)));
+        let bytes = |write: fn(u16) -> [u8; 2], depth: &dyn Fn(usize, usize) -> u16| -> Vec<u8> {
+            places().flat_map(|(column, row)| write(depth(column, row))).collect()
+        };
+        let is_swapped = |is_bigendian: u8, data: &[u8]| {
+            has_swapped_bytes(&RawImage { is_bigendian, ..raw("16UC1", (64, 16), 128, data) })
+        };
+        let (little, big) = (bytes(u16::to_le_bytes, &depth), bytes(u16::to_be_bytes, &depth));
+        assert_eq!([is_swapped(0, &little), is_swapped(1, &big)], [false; 2]);
+        assert_eq!([is_swapped(0, &big), is_swapped(1, &little)], [true; 2]);
+        // Numbers of one byte, a constant, noise, and nothing.
+        let shallow = bytes(u16::to_le_bytes, &|column, row| ((column + row) << 8) as u16);
+        let constant = bytes(u16::to_le_bytes, &|_, _| 1000);
+        let noise = bytes(u16::to_le_bytes, &|column, row| (1 + column * 7919 + row * 104_729) as u16);
+        for data in [&shallow, &constant, &noise, &vec![0; 2048]] {
+            assert_eq!([is_swapped(0, data), is_swapped(1, data)], [false; 2]);
+        }
+        assert!(!has_swapped_bytes(&raw("16UC1", (0, 0), 0, &[])) && !is_swapped(0, &[1; 7]));
     }
 
     #[test]

@@ -20,6 +20,7 @@ use splatseg_geometry::{Image, Intrinsics, Pose};
 use splatseg_ros::{CompressedImage, Image as RawImage, from_cdr};
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 /// Colour is downscaled if the ratio of depth to colour focal length, in pixels, is at most this and depth is not
 /// registered. Otherwise registered depth would be full of holes.
@@ -43,6 +44,28 @@ pub(crate) struct ImageSource {
     /// Unit of depth; that of the encoding if `None`.
     depth_scale: Option<DepthScale>,
     undistortion: UndistortionCache,
+    /// True if the bytes of depth have the other order than the messages say, as its first image shows.
+    has_swapped_bytes: OnceLock<bool>,
+}
+
+impl ImageSource {
+    /// Corrects what a message says about the order of its bytes, with a warning. `path` is named.
+    fn correct_byte_order(&self, message: &mut RawImage<'_>, path: &Path) {
+        let is_swapped = self.has_swapped_bytes.get_or_init(|| {
+            let is_swapped = images::has_swapped_bytes(message);
+            if is_swapped {
+                warn_once(format!(
+                    "{}: the bytes of the depth image have the other order than is_bigendian says, {}: they are read so",
+                    path.display(),
+                    message.is_bigendian
+                ));
+            }
+            is_swapped
+        });
+        if *is_swapped {
+            message.is_bigendian = u8::from(message.is_bigendian == 0);
+        }
+    }
 }
 
 /// Gives the data of messages, and describes messages of a topic for errors.
@@ -92,6 +115,7 @@ impl FrameReader {
             cameras,
             depth_scale,
             undistortion: UndistortionCache::default(),
+            has_swapped_bytes: OnceLock::new(),
         };
         let (color, mut depth) = (source(choice.color, color), source(choice.depth, depth));
         // What a wide lens shows at the edges would be lost.
@@ -148,7 +172,9 @@ impl FrameReader {
         let image = if source.is_compressed {
             (decode.compressed)(&from_cdr(&data).map_err(damaged)?, source.depth_scale, &path)?
         } else {
-            (decode.raw)(&from_cdr(&data).map_err(damaged)?, source.depth_scale, &path)?
+            let mut message: RawImage<'_> = from_cdr(&data).map_err(damaged)?;
+            source.correct_byte_order(&mut message, &path);
+            (decode.raw)(&message, source.depth_scale, &path)?
         };
         Ok((image, path))
     }

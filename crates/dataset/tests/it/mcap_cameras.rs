@@ -3,6 +3,7 @@
 use crate::support::mcap::{FRAME_NS, McapWriter, OPTICAL, START, camera_transform, depth_bytes, header, info, raw};
 use crate::support::recording::{jpeg_bytes, png_depth_bytes, recording};
 use crate::support::two_ways::{Found, read};
+use crate::support::warnings::with_warnings;
 use splatseg_dataset::{DatasetSettings, DepthRegistration, RecordingScene, Scene};
 use splatseg_geometry::{Intrinsics, RgbdFrame};
 use splatseg_ros::{CameraInfo, CompressedImage};
@@ -271,6 +272,32 @@ fn an_empty_camera_info_among_others_is_left_out() {
         "{:?}",
         found.warnings
     );
+}
+
+#[test]
+fn bytes_in_the_wrong_order_are_read_as_they_are_meant() {
+    for (write, warnings) in [(u16::to_le_bytes as fn(u16) -> [u8; 2], 0), (u16::to_be_bytes, 1)] {
+        let mut writer = McapWriter::new();
+        for (frame, index) in frames().iter().zip(0..) {
+            let stamp = START + index * FRAME_NS;
+            writer.write("/color/camera_info", &whole(stamp), stamp);
+            let pixels = frame.color().pixels().as_flattened();
+            writer.write("/color/image_raw", &raw(stamp, OPTICAL, "rgb8", (16, 12), pixels), stamp);
+            let data: Vec<u8> = (0..12 * 16).flat_map(|pixel| write(1000 + 2 * pixel)).collect();
+            writer.write("/depth/image_raw", &raw(stamp, OPTICAL, "16UC1", (16, 12), &data), stamp);
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        std::fs::write(&path, writer.finish()).unwrap();
+        let scene = RecordingScene::open(&path, &DatasetSettings::default()).unwrap();
+        let (frames, found) = with_warnings(|| [0, 1, 2].map(|index| scene.read_recorded(index).unwrap().frame));
+        assert!(frames.iter().all(|frame| frame.depth()[(15, 11)] == 1.382));
+        assert_eq!(found.len(), warnings, "{found:?}");
+        assert!(
+            found.iter().all(|text| text.contains("the bytes of the depth image have the other order")),
+            "{found:?}"
+        );
+    }
 }
 
 /// Writes depth as these topics.
