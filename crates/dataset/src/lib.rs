@@ -10,6 +10,7 @@ mod archive;
 mod arkitscenes;
 mod corrections;
 mod decode;
+mod depth_ceiling;
 mod depth_file;
 mod depth_registration;
 mod depth_scale;

@@ -1,6 +1,7 @@
 //! Warnings about input that is valid but unlikely to be correct, once per scene and kind, with the file and likely
 //! cause.
 
+use crate::depth_ceiling::DepthCeiling;
 use crate::{DatasetError, FramePart, RecordedFrame};
 use glam::DVec3;
 use splatseg_geometry::{CameraFrame, Intrinsics};
@@ -69,6 +70,7 @@ pub(crate) struct Plausibility {
     last: Option<(String, DVec3)>,
     warned_of_steps: bool,
     warned_of_depth: bool,
+    ceiling: DepthCeiling,
 }
 
 impl Plausibility {
@@ -109,6 +111,7 @@ impl Plausibility {
             let text = "no pixel has depth: objects cannot be placed in the map from such frames".to_owned();
             warnings.push((FramePart::Depth, text));
         }
+        warnings.extend(self.ceiling.check(frame.depth()).map(|text| (FramePart::Depth, text)));
         let Some(position) = position else { return warnings };
         let last = self.last.replace((frame.name().to_owned(), position));
         if let (Some((last_name, last_position)), Some(mean_depth), false) = (last, mean_depth, self.warned_of_steps) {
