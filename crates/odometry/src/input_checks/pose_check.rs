@@ -3,7 +3,7 @@
 use super::format_fit::{FormatFit, Pair, formats, motion};
 use super::seen_motion::{SeenFrame, SeenMotion, SmallFrame, image_motion};
 use super::units::{mistaken_unit, remedy, rounded};
-use crate::{DoubtKind, InputDoubt};
+use crate::{DoubtKind, InputDoubt, se3};
 use splatseg_geometry::{CameraFrame, Pose, PoseFormat};
 use std::collections::VecDeque;
 
@@ -44,6 +44,15 @@ const MAX_TURN_UNEXPLAINED: f64 = 0.2;
 const POSE_UNITS: [f64; 2] = [0.01, 0.001];
 /// A measured unit is one of them if it differs by less than this factor.
 const SAME_UNIT: f64 = 1.35;
+
+/// Positions that differ by less are the same, metres, and times their distance from the origin.
+const SAME_POSITION: f64 = 1e-9;
+/// A camera moves for certain if its translation moves surfaces in the image by at least this, radians...
+const CLEAR_TRANSLATION: f64 = 0.01;
+/// ...and by this share of what its rotation does: a turn may be mistaken for some translation.
+const CLEAR_SHARE: f64 = 0.2;
+/// Stated rotations above this are no rounding, radians.
+const CLEAR_TURN: f64 = 0.01;
 
 /// Median depth at which the unit of depth is not doubted if that of positions may be wrong, metres.
 const ROOM_DEPTH: std::ops::RangeInclusive<f64> = 0.3..=15.0;
@@ -162,7 +171,9 @@ impl PoseCheck {
         if given.error <= MAX_UNEXPLAINED {
             self.attempts = FIRST_ATTEMPTS;
         }
-        let doubt = wrong_unit(&pairs, &given).or_else(|| wrong_reading(&pairs, &given, is_last));
+        let doubt = only_turns(&pairs, &given)
+            .or_else(|| wrong_unit(&pairs, &given))
+            .or_else(|| wrong_reading(&pairs, &given, is_last));
         self.is_told = doubt.is_some();
         doubt
     }
@@ -172,6 +183,28 @@ impl PoseCheck {
 fn with_turns(motions: Vec<Pose>) -> Vec<Pose> {
     let turns: Vec<Pose> = motions.iter().map(|motion| motion.scaled(0.0)).collect();
     motions.into_iter().chain(turns).collect()
+}
+
+/// A doubt about poses with orientations only: rotations fit, and the positions never change although the camera moves.
+fn only_turns(pairs: &[Pair], given: &FormatFit) -> Option<InputDoubt> {
+    let mut positions =
+        pairs.iter().flat_map(|pair| pair.stated).map(|stated| given.format.pose(&stated).translation());
+    let first = positions.next()?;
+    let stands = positions.all(|position| position.distance(first) <= SAME_POSITION * (1.0 + first.length()));
+    let turns = pairs.iter().any(|pair| se3::size(&motion(&pair.stated, &given.format)).1 > CLEAR_TURN);
+    let is_moved = |pair: &&Pair| {
+        let (translation, rotation) = se3::size(&pair.seen.motion);
+        translation >= CLEAR_TRANSLATION.max(CLEAR_SHARE * rotation) * pair.seen.depth
+    };
+    let moved = pairs.iter().filter(is_moved).count();
+    if !stands || !turns || given.rotation_error > MAX_TURN_UNEXPLAINED || moved < MIN_PAIRS {
+        return None;
+    }
+    let text = format!(
+        "the positions of the given poses never change, but {moved} pairs of frames show that the camera moves: the poses may \
+         have orientations only; track the camera with --poses track"
+    );
+    Some(InputDoubt { kind: DoubtKind::Poses, text })
 }
 
 /// A doubt about units: rotations fit, and the lengths of translations differ by the same factor.

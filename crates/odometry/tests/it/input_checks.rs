@@ -127,6 +127,29 @@ fn units_of_positions_and_depth_are_told_apart() {
 }
 
 #[test]
+fn positions_that_never_change_are_told() {
+    let without_positions = |frames: &[Posed]| -> Vec<Posed> {
+        let still = |pose: &Pose| {
+            let turn = glam::DQuat::from_mat3(&pose.rotation());
+            Pose::from_quaternion(glam::DVec3::ZERO, turn).unwrap()
+        };
+        frames.iter().map(|(frame, pose)| (frame.clone(), still(pose))).collect()
+    };
+    let text = doubt(&without_positions(&sideways(40)), DoubtKind::Poses);
+    assert!(
+        text.starts_with("the positions of the given poses never change, but ") && text.contains("--poses track"),
+        "{text}"
+    );
+    // A camera on a tripod.
+    let turning = |index: usize| {
+        let pose =
+            Pose::from_quaternion(glam::DVec3::ZERO, glam::DQuat::from_rotation_y(0.03 * index as f64 - 0.4)).unwrap();
+        (render(&corner(), &pose), pose)
+    };
+    assert_eq!(doubts(&(0..26).map(turning).collect::<Vec<_>>()), []);
+}
+
+#[test]
 fn poses_that_stand_still_or_are_another_path_are_told() {
     let frames = room_frames(80);
     let still: Vec<Posed> = frames.iter().map(|(frame, _)| (frame.clone(), Pose::IDENTITY)).collect();
