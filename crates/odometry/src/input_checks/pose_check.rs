@@ -243,8 +243,12 @@ fn wrong_unit(pairs: &[Pair], given: &FormatFit) -> Option<InputDoubt> {
             ),
         },
         None => {
-            let text =
-                format!("{found}: if depth is in the right unit, {}; otherwise {}", set_scale(ratio), remedy(factor));
+            let text = format!(
+                "{found}: if depth is in the right unit, {}; otherwise {}; a wrong focal length looks alike, and --fx \
+                 gives another one",
+                set_scale(ratio),
+                remedy(factor)
+            );
             InputDoubt { kind: DoubtKind::Poses, text }
         }
     })

@@ -127,6 +127,13 @@ fn units_of_positions_and_depth_are_told_apart() {
 }
 
 #[test]
+fn an_unusual_unit_may_be_a_wrong_focal_length() {
+    let frames = with_depth_of(&sideways(26), |_, depth| depth.map(|depth| depth * 0.45));
+    let text = doubt(&frames, DoubtKind::Poses);
+    assert!(text.contains("a wrong focal length looks alike, and --fx gives another one"), "{text}");
+}
+
+#[test]
 fn positions_that_never_change_are_told() {
     let without_positions = |frames: &[Posed]| -> Vec<Posed> {
         let still = |pose: &Pose| {
