@@ -73,7 +73,6 @@ impl Cameras {
             }
             None => {}
         }
-        warn_of_assumptions(&place, topic, (images.0, facts));
         let in_order = starts.is_sorted_by_key(|start: &StampedPlace| start.stamp)
             && starts.iter().all(|start| fits(start, images.1));
         Ok(Self { topic: topic.name.clone(), list, starts, in_order })
@@ -118,8 +117,17 @@ impl Cameras {
     }
 }
 
-/// Warns if P is used for K, K is scaled, or the lens is ignored. `place` is the topic of camera infos, for messages.
-fn warn_of_assumptions(place: &str, topic: &Topic, (images, facts): (&Topic, ImageFacts)) {
+/// Warns if P is used for K, K is scaled, or the lens is ignored in the cameras of [`Cameras::new`], which has the same
+/// arguments.
+pub(crate) fn warn_of_assumptions(
+    info: Option<&Topic>,
+    images: (&Topic, &Images),
+    own: Option<OwnCamera>,
+    path: &Path,
+) {
+    let Some(topic) = info else { return };
+    let facts = image_facts(images, info, own);
+    let place = format!("{}: {}", path.display(), topic.name);
     let remedy = "--fx (--fy, --cx, --cy)";
     let mut infos = calibrations(topic).iter().map(|(_, calibration)| calibration);
     if facts.own.is_some() {
@@ -139,11 +147,9 @@ fn warn_of_assumptions(place: &str, topic: &Topic, (images, facts): (&Topic, Ima
         && has_shape(stated, size)
     {
         warn_once(format!(
-            "{place}: the camera info is that of images of {}x{} pixels, those of {} have {}x{}: {} and are scaled; {remedy} \
-             gives other ones",
+            "{place}: it is that of images of {}x{} pixels, but they have {}x{}: {}, scaled to them; {remedy} gives other ones",
             stated.0,
             stated.1,
-            images.name,
             size.0,
             size.1,
             first.text()

@@ -1,6 +1,6 @@
 //! Reading of a frame's images: decoding, undistortion, and registration of depth to colour.
 
-use super::camera_list::{Cameras, image_facts};
+use super::camera_list::{Cameras, image_facts, warn_of_assumptions};
 use super::cameras::has_shape;
 use super::choice::Choice;
 use super::contents::{Images, MessagePlace, Topic};
@@ -84,6 +84,7 @@ impl FrameReader {
         let (choice, path) = (&maker.choice, maker.path);
         let own_camera = OwnCamera::from_settings(maker.settings)?;
         let color = Cameras::new(choice.color_info, choice.color, own_camera, path)?;
+        warn_of_assumptions(choice.color_info, choice.color, own_camera, path);
         let (mut depth, Decision { alignment, warning }) = if choice.has_depth {
             let depth = depth_cameras(maker, own_camera)?;
             let decision = decide(maker, own_camera, (&color, &depth))?;
@@ -300,15 +301,23 @@ fn depth_cameras(maker: &FrameMaker<'_>, own: Option<OwnCamera>) -> Result<Camer
     let may_follow = choice.color.1.frame == choice.depth.1.frame
         || own.is_some()
         || maker.settings.register_depth == DepthRegistration::False;
+    let infos = choice.color_info.zip(choice.depth_info);
+    let has_info_of_color = infos.is_some_and(|(color, depth)| std::ptr::eq(color, depth));
     let cameras = Cameras::new(choice.depth_info, choice.depth, None, maker.path);
     match (cameras, choice.depth_info) {
-        (Err(error), Some(depth_info)) if may_follow => {
-            if choice.color_info.is_none_or(|info| !std::ptr::eq(info, depth_info)) {
+        (Err(error), Some(_)) if may_follow => {
+            if !has_info_of_color {
                 warn_once(format!("{error}; depth is taken as that of the colour camera"));
             }
             Ok(Cameras::unknown())
         }
-        (cameras, _) => cameras,
+        (cameras, info) => {
+            // The settings replace what is described by the camera info of colour.
+            if cameras.is_ok() && !(own.is_some() && has_info_of_color) {
+                warn_of_assumptions(info, choice.depth, None, maker.path);
+            }
+            cameras
+        }
     }
 }
 
