@@ -3,7 +3,6 @@
 use crate::decode::{image_size, read_color};
 use crate::error::COLOR_IMAGE;
 use crate::focal_length::{self, FocalLength};
-use crate::ros_topics::cameras::has_shape;
 use crate::{DatasetError, DatasetSettings};
 use serde::Serialize;
 use splatseg_geometry::Intrinsics;
@@ -131,6 +130,13 @@ impl GuessedCamera {
 /// Returns the place of the intrinsics, for messages: `file`, or the settings if they give a camera.
 pub(crate) fn camera_place(own: Option<&OwnCamera>, file: &Path) -> PathBuf {
     if own.is_some() { "dataset.fx, fy, cx and cy".into() } else { file.to_owned() }
+}
+
+/// Returns true if two sizes, `(width, height)`, are those of one image at different resolutions.
+pub(crate) fn has_shape(one: (usize, usize), other: (usize, usize)) -> bool {
+    let (across, down) = (one.0 as f64 / other.0 as f64, one.1 as f64 / other.1 as f64);
+    // Half a pixel of rounding along the short side.
+    (across / down - 1.0).abs() <= 1.0 / one.1.min(other.1).min(one.0).min(other.0).max(1) as f64
 }
 
 /// Returns the intrinsics of a colour image of `size` `(width, height)`, which `camera` took at its resolution or another one.

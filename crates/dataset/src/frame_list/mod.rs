@@ -11,10 +11,9 @@ pub(crate) use files::{FrameFiles, PlainFiles, drop_unconfident};
 pub(crate) use stated_poses::StatedPoses;
 
 use crate::error::{COLOR_IMAGE, DEPTH_IMAGE};
-use crate::own_camera::{OwnCamera, camera_place};
+use crate::own_camera::{OwnCamera, camera_place, has_shape};
 use crate::recorded_poses::{LOST, PoseCoverage};
 use crate::resample::{ImageMap, resample_color, resample_depth};
-use crate::ros_topics::cameras::has_shape;
 use crate::ros_topics::reader::RegisteredImages;
 use crate::scene::{FramePart, FrameParts, LeftOut, entry};
 use crate::undistort::{Camera, UndistortionCache};

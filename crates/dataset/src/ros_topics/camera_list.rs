@@ -1,9 +1,9 @@
 //! The cameras of a topic's images, each valid from some time on.
 
-use super::cameras::{Calibration, ImageFacts, has_shape};
+use super::cameras::{Calibration, ImageFacts};
 use super::contents::{Content, Images, StampedPlace, Topic};
 use crate::DatasetError;
-use crate::own_camera::OwnCamera;
+use crate::own_camera::{OwnCamera, has_shape};
 use crate::plausibility::warn_once;
 use crate::undistort::Camera;
 use splatseg_geometry::{Distortion, Intrinsics};

@@ -1,7 +1,7 @@
 //! Cameras described by camera info messages.
 
 use crate::DatasetError;
-use crate::own_camera::OwnCamera;
+use crate::own_camera::{OwnCamera, has_shape};
 use crate::undistort::Camera;
 use glam::{DVec2, dvec2};
 use splatseg_geometry::{Distortion, DistortionError, Intrinsics};
@@ -187,13 +187,6 @@ impl Camera {
     pub(crate) fn has_shape_of(&self, other: &Self) -> bool {
         has_shape((self.intrinsics.width, self.intrinsics.height), (other.intrinsics.width, other.intrinsics.height))
     }
-}
-
-/// Returns true if two sizes, `(width, height)`, are those of one image at different resolutions.
-pub(crate) fn has_shape(one: (usize, usize), other: (usize, usize)) -> bool {
-    let (across, down) = (one.0 as f64 / other.0 as f64, one.1 as f64 / other.1 as f64);
-    // Half a pixel of rounding along the short side.
-    (across / down - 1.0).abs() <= 1.0 / one.1.min(other.1).min(one.0).min(other.0).max(1) as f64
 }
 
 /// Returns the largest of some numbers; infinity if one is NaN.

@@ -1,14 +1,13 @@
 //! Reading of a frame's images: decoding, undistortion, and registration of depth to colour.
 
 use super::camera_list::{Cameras, image_facts, warn_of_assumptions};
-use super::cameras::has_shape;
 use super::choice::Choice;
 use super::contents::{Images, MessagePlace, Topic};
 use super::frames::{FrameMaker, PairedFrame};
 use super::images;
 use super::registration::{Alignment, Decision, decide};
 use crate::depth_scale::DepthScale;
-use crate::own_camera::OwnCamera;
+use crate::own_camera::{OwnCamera, has_shape};
 use crate::plausibility::warn_once;
 use crate::register::{CameraPair, register_depth};
 use crate::resample::{ImageMap, resample_color};

@@ -14,7 +14,7 @@ use crate::error::COLOR_IMAGE;
 use crate::files::is_there;
 use crate::frame_list::{FrameList, FrameListScene, ListedFrame, PlainFiles, StatedPoses};
 use crate::listing::{NamePattern, NumberedFile, folder_name, no_frames_in, numbered_files};
-use crate::ros_topics::cameras::has_shape;
+use crate::own_camera::has_shape;
 use crate::scene::LeftOut;
 use crate::text::PinholeMatrix;
 use crate::undistort::Camera;
