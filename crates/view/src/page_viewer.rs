@@ -4,7 +4,7 @@ use crate::ViewRequest;
 use crate::connection::Viewer;
 use crate::hub::Shared;
 use crate::page_messages::Hello;
-use crate::slots::{PageMessage, PageSlot};
+use crate::slots::PageSlot;
 use std::sync::Arc;
 use std::time::Duration;
 use tungstenite::Message;
@@ -28,22 +28,14 @@ impl<'a> PageViewer<'a> {
     /// A new viewer; `None` if there are too many.
     pub(crate) fn join(shared: &'a Shared) -> Option<Self> {
         let room = shared.limits.viewers.saturating_sub(shared.messages.viewers());
-        let answers = shared.answer.get().is_some();
-        let hello = Hello { scene: &shared.scene, session: &shared.session, answers };
-        Some(Self { shared, slot: shared.pages.join(hello, room)?, under_way: 0 })
+        Some(Self { shared, slot: shared.pages.join(Hello::of(shared), room)?, under_way: 0 })
     }
 
     /// Answers a request. Returns false if it is none, or nobody answers.
     fn answer(&self, text: &str) -> bool {
         let (Some(answer), Some(request)) = (self.shared.answer.get(), ViewRequest::parse(text)) else { return false };
-        let kind = match request {
-            ViewRequest::Find(_) => PageMessage::Found,
-            ViewRequest::Name(..) => PageMessage::Named,
-            ViewRequest::Merge(_) => PageMessage::Merged,
-            ViewRequest::Detail(_) => PageMessage::Detail,
-        };
         let answered = (answer.0)(request.clone());
-        self.slot.put(kind, request.answered(&answered));
+        self.slot.put_answer(request.answered(&answered));
         true
     }
 }

@@ -14,15 +14,14 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Kinds of messages for the page, in the order of sending.
+/// Answers to a page that wait. The oldest is discarded if the page asks on without taking them.
+const MAX_ANSWERS: usize = 64;
+
+/// Kinds of messages for the page of which the newest counts, in the order of sending.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PageMessage {
     Hello,
     Status,
-    Found,
-    Named,
-    Merged,
-    Detail,
     Objects,
     Frame,
     Map,
@@ -30,33 +29,66 @@ pub(crate) enum PageMessage {
 }
 
 impl PageMessage {
-    pub(crate) const COUNT: usize = 10;
+    pub(crate) const COUNT: usize = 6;
 }
 
-/// The newest message of each kind that a page has not been sent.
+/// The newest message of each kind, and the answers, that a page has not been sent.
 #[derive(Debug, Default)]
 pub(crate) struct PageSlot {
-    waiting: Mutex<[Option<Message>; PageMessage::COUNT]>,
+    waiting: Mutex<WaitingForPage>,
     news: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct WaitingForPage {
+    newest: [Option<Message>; PageMessage::COUNT],
+    answers: VecDeque<Message>,
+}
+
+impl WaitingForPage {
+    fn is_empty(&self) -> bool {
+        self.answers.is_empty() && self.newest.iter().all(Option::is_none)
+    }
+
+    /// Takes the next message: answers come before everything but the first message.
+    fn take(&mut self) -> Option<Message> {
+        let hello = self.newest.first_mut().and_then(Option::take);
+        hello.or_else(|| self.answers.pop_front()).or_else(|| self.newest.iter_mut().find_map(Option::take))
+    }
 }
 
 impl PageSlot {
     /// Puts a message in the place of an older one. Returns true if that was not sent.
     pub(crate) fn put(&self, kind: PageMessage, message: Message) -> bool {
-        let old = lock(&self.waiting).get_mut(kind as usize).and_then(|place| place.replace(message));
+        let old = lock(&self.waiting).newest.get_mut(kind as usize).and_then(|place| place.replace(message));
         self.news.notify_one();
         old.is_some()
     }
 
+    /// Adds the answer to a request of the page: each request has one.
+    pub(crate) fn put_answer(&self, message: Message) {
+        let mut waiting = lock(&self.waiting);
+        if waiting.answers.len() == MAX_ANSWERS {
+            waiting.answers.pop_front();
+        }
+        waiting.answers.push_back(message);
+        drop(waiting);
+        self.news.notify_one();
+    }
+
+    /// Removes all messages but answers.
+    pub(crate) fn clear(&self) {
+        lock(&self.waiting).newest = Default::default();
+    }
+
     /// Takes the next message.
     pub(crate) fn take(&self) -> Option<Message> {
-        lock(&self.waiting).iter_mut().find_map(Option::take)
+        lock(&self.waiting).take()
     }
 
     /// Waits for a message, at most for this long.
     pub(crate) fn wait(&self, time: Duration) {
-        let is_empty = |waiting: &mut [Option<Message>; PageMessage::COUNT]| waiting.iter().all(Option::is_none);
-        let waited = self.news.wait_timeout_while(lock(&self.waiting), time, is_empty);
+        let waited = self.news.wait_timeout_while(lock(&self.waiting), time, |waiting| waiting.is_empty());
         drop(waited.unwrap_or_else(PoisonError::into_inner));
     }
 }

@@ -86,6 +86,58 @@ fn the_list_of_objects_arrives() {
     let mug = &objects["objects"][0];
     assert_eq!((&mug["id"], &mug["label"], &mug["frames"]), (&json!(7), &json!("mug"), &json!(6)));
 }
+    assert_eq!(objects["frames"], 8);
+    let mut later = watched(&server);
+    assert_eq!(later.page_message("objects").unwrap().0, objects);
+}
+
+#[test]
+fn after_a_restart_pages_start_again_with_nothing() {
+    let server = start(ViewLimits::default());
+    let mut page = watched(&server);
+    let (first, _) = page.page_message("hello").unwrap();
+    server.publish_frame(Some(&pose_at(500.0, 0.0, 0.0)), || frame(5, 32, 24));
+    server.publish_objects(vec![object(5, "mug")], 6);
+    server.publish_plan(Some(&floor_plan()));
+    page.page_message("plan").unwrap();
+    server.restart();
+    let (second, _) = page.page_message("hello").unwrap();
+    assert_ne!(first["session"], second["session"]);
+    assert_eq!(
+        (&second["path"], &second["frames"], &second["origin"]),
+        (&json!(""), &json!(0), &json!([0.0, 0.0, 0.0]))
+    );
+    // A page that comes now gets nothing of the run before.
+    let mut later = watched(&server);
+    assert_eq!(later.page_message("hello").unwrap().0, second);
+    server.publish_frame(None, || frame(6, 32, 24));
+    for page in [&mut page, &mut later] {
+        loop {
+            let (kind, payload) = page.next().unwrap();
+            page.send(TEXT, b"shown");
+            if kind != TEXT {
+                break;
+            }
+            let message: Value = serde_json::from_slice(&payload).unwrap();
+            assert_eq!(message["kind"], "status", "{message}");
+        }
+    }
+    // The same list is news in this run.
+    server.publish_objects(vec![object(5, "mug")], 6);
+    assert!(later.page_message("objects").is_some());
+}
+
+#[test]
+fn every_request_has_an_answer_of_its_own() {
+    let server = start(ViewLimits::default());
+    server.answer_with(Arc::new(|_| Ok(ViewAnswer::Done)));
+    let mut page = watched(&server);
+    for id in 1..=5 {
+        page.send(TEXT, json!({ "ask": "name", "id": id, "label": "mug" }).to_string().as_bytes());
+    }
+    for id in 1..=5 {
+        assert_eq!(page.page_message("named").unwrap().0["id"], json!(id));
+    }
 
 #[test]
 fn large_frames_are_reduced() {
