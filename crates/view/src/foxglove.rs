@@ -121,11 +121,9 @@ impl MessageHub {
         id
     }
 
-    /// True if a message of the channel would be sent or kept.
+    /// True if somebody has subscribed to the channel.
     pub(crate) fn wants(&self, id: ChannelId) -> bool {
-        let state = lock(&self.state);
-        state.channel(id).is_some_and(|channel| channel.channel.latched)
-            || state.viewers.iter().any(|viewer| viewer.subscriptions.contains_key(&id))
+        lock(&self.state).viewers.iter().any(|viewer| viewer.subscriptions.contains_key(&id))
     }
 
     /// Gives a message to the viewers subscribed to the channel.

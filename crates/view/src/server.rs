@@ -129,7 +129,8 @@ impl ViewServer {
         self.shared.messages.add_channel(channel)
     }
 
-    /// True if a message of a channel would reach or be kept for somebody. Otherwise it need not be made.
+    /// True if somebody has subscribed to a channel. Otherwise its messages need not be made, though a message of a latched
+    /// channel is kept for those who come later.
     pub fn wants_message(&self, channel: ChannelId) -> bool {
         self.shared.messages.wants(channel)
     }
