@@ -3,7 +3,7 @@
 use crate::{LiveStatus, Requests};
 use splatseg::Pipeline;
 use splatseg::pipeline::FrameResult;
-use splatseg_geometry::{Image as Pixels, Intrinsics};
+use splatseg_geometry::{Image as Pixels, Intrinsics, MapView};
 use splatseg_objects::ObjectList;
 use splatseg_places::FloorPlan;
 use splatseg_ros::{
@@ -116,7 +116,7 @@ pub struct LiveFrame<'a> {
     pub result: &'a FrameResult,
     /// The pipeline after the frame, with the map.
     pub pipeline: &'a Pipeline,
-    /// The state after the frame.
+    /// The state after the newest frame, which with a lag is a later one.
     pub status: &'a LiveStatus,
 }
 
@@ -139,7 +139,7 @@ pub trait Outlet: Send {
         None
     }
 
-    /// Returns true if someone watches: [`LiveFrame::color`] and [`Self::show_objects`] are for them.
+    /// Returns true if someone watches: [`LiveFrame::color`], [`Self::show_objects`] and [`Self::show_map`] are for them.
     fn is_watched(&self) -> bool {
         false
     }
@@ -150,8 +150,18 @@ pub trait Outlet: Send {
     /// Shows a new plan of the map; `None` if the map was replaced or shows no floor any more.
     fn show_plan(&mut self, _plan: Option<&FloorPlan>) {}
 
-    /// Shows all objects of the map, as often as [`Output::Objects`] is published, if someone watches.
-    fn show_objects(&mut self, _objects: &ObjectList) {}
+    /// Shows all objects of the map after a number of frames, as often as [`Output::Objects`] is published, if someone
+    /// watches. Also before the first frame, if a map was loaded.
+    fn show_objects(&mut self, _objects: &ObjectList, _frames: usize) {}
+
+    /// Shows the map, if someone watches. Called often; `version` differs once the map has changed.
+    fn show_map(&mut self, _map: &MapView<'_>, _version: usize) {}
+
+    /// As [`Self::show_map`], when no more frames come.
+    fn show_last_map(&mut self, _map: &MapView<'_>, _version: usize) {}
+
+    /// The map was replaced: nothing that was shown before belongs to the present one.
+    fn reset(&mut self) {}
 }
 
 /// An outlet that wants nothing.
@@ -204,7 +214,19 @@ impl Outlet for Vec<Box<dyn Outlet>> {
         self.iter_mut().for_each(|outlet| outlet.show_plan(plan));
     }
 
-    fn show_objects(&mut self, objects: &ObjectList) {
-        self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_objects(objects));
+    fn show_objects(&mut self, objects: &ObjectList, frames: usize) {
+        self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_objects(objects, frames));
+    }
+
+    fn show_map(&mut self, map: &MapView<'_>, version: usize) {
+        self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_map(map, version));
+    }
+
+    fn show_last_map(&mut self, map: &MapView<'_>, version: usize) {
+        self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_last_map(map, version));
+    }
+
+    fn reset(&mut self) {
+        self.iter_mut().for_each(|outlet| outlet.reset());
     }
 }

@@ -75,18 +75,7 @@ impl Results {
     }
 
     /// Publishes the objects that count ([`Object::counts`]), with the stamp of the latest frame.
-    pub(crate) fn publish_objects(
-        &mut self,
-        pipeline: &Pipeline,
-        (seen, places): (&SeenObjects, Option<&MapPlaces>),
-        stamp: Duration,
-        outlet: &mut dyn Outlet,
-    ) {
-        if !outlet.wants(Output::Objects) && !outlet.wants(Output::Markers) && !outlet.is_watched() {
-            return;
-        }
-        let list = objects(pipeline, seen, places);
-        outlet.show_objects(&list);
+    pub(crate) fn publish_objects(&mut self, list: &ObjectList, stamp: Duration, outlet: &mut dyn Outlet) {
         if outlet.wants(Output::Objects) {
             send(outlet, Output::Objects, to_cdr(&self.detections(stamp, list.objects.iter())));
         }

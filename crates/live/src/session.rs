@@ -110,6 +110,10 @@ pub struct LiveSession {
     due: Due,
     requests: (Requests, Receiver<PendingRequest>),
 }
+    /// The same, unlike in the messages with all objects.
+    has_unpublished_names: bool,
+    /// Counts the changes of the map.
+    map_version: usize,
 
 /// Stamp, size and camera of a frame, which are published with its result.
 #[derive(Debug)]
@@ -170,6 +174,8 @@ impl LiveSession {
 
     /// Returns a sender of requests, for other threads.
     pub fn requests(&self) -> Requests {
+            has_unpublished_names: false,
+            map_version: 0,
         self.requests.0.clone()
     }
 
@@ -359,7 +365,7 @@ impl LiveSession {
     fn do_what_is_due(&mut self) {
         let passed = |before: Instant, interval: Duration| before.elapsed() >= interval;
         let has_frames = self.status.frames > 0;
-        if has_frames && passed(self.due.objects, self.options.objects_interval) {
+        if passed(self.due.objects, self.options.objects_interval) {
             self.publish_objects();
         }
         if has_frames && passed(self.due.points, self.options.points_interval) {
@@ -378,7 +384,6 @@ impl LiveSession {
 
     fn publish_all(&mut self) {
         if self.status.frames > 0 {
-            self.publish_objects();
             self.results.publish_points(&self.pipeline, self.latest_stamp, self.outlet.as_mut());
         }
         self.show_status();
@@ -386,8 +391,19 @@ impl LiveSession {
 
     fn publish_objects(&mut self) {
         self.due.objects = Instant::now();
-        let known = (&self.seen, self.places.latest());
-        self.results.publish_objects(&self.pipeline, known, self.latest_stamp, self.outlet.as_mut());
+        self.has_unpublished_names = false;
+        let is_published = self.outlet.wants(Output::Objects) || self.outlet.wants(Output::Markers);
+        let (is_published, is_watched) = (is_published && self.status.frames > 0, self.outlet.is_watched());
+        if !is_published && !is_watched {
+            return;
+        }
+        let list = self.objects();
+        if is_watched {
+            self.outlet.show_objects(&list, self.status.frames);
+        }
+        if is_published {
+            self.results.publish_objects(&list, self.latest_stamp, self.outlet.as_mut());
+        }
     }
 
     /// True if somebody gets the plan of the map: on a topic, on the page, or with the saved objects.
@@ -402,6 +418,9 @@ impl LiveSession {
         let is_wanted = !self.stream.is_played() && self.wants_places();
         if self.places.step(&mut self.pipeline, is_wanted) {
             self.publish_places();
+        }
+        if let Some(map) = self.pipeline.map().filter(|_| self.outlet.is_watched()) {
+            self.outlet.show_map(&map, self.map_version);
         }
     }
 
@@ -418,6 +437,12 @@ impl LiveSession {
             self.results.publish_places(&self.pipeline, known, self.latest_stamp, self.outlet.as_mut());
         }
     }
+        self.publish_objects();
+        // Its ids may have been settled since the latest frame.
+        self.map_version += 1;
+        if let Some(map) = self.pipeline.map().filter(|_| self.outlet.is_watched()) {
+            self.outlet.show_last_map(&map, self.map_version);
+        }
 
     fn show_status(&mut self) {
         self.due.status = Instant::now();
@@ -425,6 +450,7 @@ impl LiveSession {
         self.status.rate_hz = self.times.since(SECOND) as f32;
         self.status.counts = self.stream.counts();
         self.status.gaussians = self.pipeline.map().map_or(0, |map| map.gaussian_count());
+    /// Publishes all objects: as messages once there are frames, and on the page.
         self.status.objects = ObjectCounts::new(self.pipeline.objects(), self.pipeline.map()).objects;
         if self.outlet.wants(Output::Diagnostics) {
             let now = i64::try_from(self.outlet.clock().unwrap_or_else(LiveStream::now).as_nanos()).unwrap_or(i64::MAX);
@@ -572,6 +598,8 @@ impl LiveSession {
         let remapped = self.pipeline.merge_objects(ids)?;
         self.seen.remap(&remapped);
         self.has_new_names = true;
+        // The names were those of the map of before.
+        self.has_new_names = false;
         self.publish_objects();
         Ok(remapped.first().map_or(0, |ids| ids.into))
     }
@@ -579,6 +607,8 @@ impl LiveSession {
     /// Returns the chosen objects, as in the messages of [`Output::Objects`].
     pub fn detections(&self, is_chosen: impl Fn(&Object) -> bool) -> Detection3dArray {
         let list = self.objects();
+        self.map_version += 1;
+        self.outlet.reset();
         self.results.detections(self.latest_stamp, list.all().filter(|object| is_chosen(object)))
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::{LiveFrame, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, Requests};
 use splatseg::segmenter::Detail;
-use splatseg_geometry::{Image as Pixels, SegmentId};
+use splatseg_geometry::{Image as Pixels, MapView, SegmentId};
 use splatseg_objects::ObjectList;
 use splatseg_odometry::PoseState;
 use splatseg_places::FloorPlan;
@@ -29,8 +29,9 @@ const ANSWER_TIME: Duration = Duration::from_secs(5);
 pub struct ViewOutlet {
     server: ViewServer,
     channels: BTreeMap<Output, ChannelId>,
-    objects: Vec<ViewObject>,
     seen: SeenSpans,
+    /// Version of the map that was shown last.
+    shown_map: Option<usize>,
     /// Time of the latest frame.
     stamp: Option<Duration>,
 }
@@ -43,7 +44,7 @@ impl ViewOutlet {
     pub fn start(options: ViewOptions) -> Result<Self, ViewError> {
         let server = ViewServer::start(options)?;
         let channels = Output::ALL.map(|output| (output, server.add_channel(channel(output)))).into();
-        Ok(Self { server, channels, objects: Vec::new(), seen: SeenSpans::default(), stamp: None })
+        Ok(Self { server, channels, seen: SeenSpans::default(), shown_map: None, stamp: None })
     }
 
     /// The server, e.g. for its links.
@@ -100,17 +101,14 @@ impl Outlet for ViewOutlet {
         let pose = &frame.result.pose;
         let known = (pose.state != PoseState::Lost).then_some(&pose.world_from_camera);
         // The first viewer may have come after the image was read; the next frame has it.
-        self.server.publish_frame(known, || Some(view_frame(frame, frame.color?, &self.objects)));
-        if let Some(map) = frame.pipeline.map() {
-            self.server.publish_map(&map);
-        }
+        self.server.publish_frame(known, || Some(view_frame(frame, frame.color?)));
     }
 
     fn show_plan(&mut self, plan: Option<&FloorPlan>) {
         self.server.publish_plan(plan);
     }
 
-    fn show_objects(&mut self, objects: &ObjectList) {
+    fn show_objects(&mut self, objects: &ObjectList, frames: usize) {
         let shown = objects.all().map(|object| ViewObject {
             id: object.id,
             label: object.label.clone(),
@@ -119,9 +117,27 @@ impl Outlet for ViewOutlet {
             state: object.state,
             seen: self.seen.of(object.id).to_vec(),
         });
-        self.objects = shown.collect();
-        let ids: BTreeSet<SegmentId> = self.objects.iter().map(|object| object.id).collect();
+        let shown: Vec<ViewObject> = shown.collect();
+        let ids: BTreeSet<SegmentId> = shown.iter().map(|object| object.id).collect();
+        self.server.publish_objects(shown, frames);
         self.seen.keep_only(|id| ids.contains(&id));
+    }
+
+    fn show_map(&mut self, map: &MapView<'_>, version: usize) {
+        if self.shown_map != Some(version) && self.server.publish_map(map) {
+            self.shown_map = Some(version);
+        }
+    }
+
+    fn show_last_map(&mut self, map: &MapView<'_>, version: usize) {
+        if self.shown_map != Some(version) && self.server.publish_last_map(map) {
+            self.shown_map = Some(version);
+        }
+    }
+
+    fn reset(&mut self) {
+        (self.seen, self.shown_map) = (SeenSpans::default(), None);
+        self.server.restart();
     }
 }
 
@@ -145,7 +161,7 @@ fn answer(requests: &Requests, request: ViewRequest) -> Result<ViewAnswer, Strin
     }
 }
 
-fn view_frame(frame: &LiveFrame<'_>, color: &Pixels<[u8; 3]>, objects: &[ViewObject]) -> ViewFrame {
+fn view_frame(frame: &LiveFrame<'_>, color: &Pixels<[u8; 3]>) -> ViewFrame {
     let segments = &frame.result.output.segments;
     let lost = (frame.result.pose.state == PoseState::Lost)
         .then(|| "The camera's pose is lost: turn it to a place that it has seen.".to_owned());
@@ -156,7 +172,6 @@ fn view_frame(frame: &LiveFrame<'_>, color: &Pixels<[u8; 3]>, objects: &[ViewObj
         color: color.clone(),
         segments: segments.clone(),
         intrinsics: frame.intrinsics,
-        objects: objects.to_vec(),
         status: ViewStatus {
             dropped: frame.status.counts.dropped.total(),
             is_pose_given: frame.result.pose.state == PoseState::Given,

@@ -41,7 +41,7 @@ impl Seen {
     }
 }
 
-fn view_frame(number: usize, frame: &RgbdFrame<'_>, segments: &SegmentMap, seen: &Seen, lost: bool) -> ViewFrame {
+fn view_frame(number: usize, frame: &RgbdFrame<'_>, segments: &SegmentMap, lost: bool) -> ViewFrame {
     ViewFrame {
         number,
         name: frame.name().to_owned(),
@@ -49,7 +49,6 @@ fn view_frame(number: usize, frame: &RgbdFrame<'_>, segments: &SegmentMap, seen:
         color: frame.color().clone().into_owned(),
         segments: segments.clone(),
         intrinsics: *frame.intrinsics(),
-        objects: seen.objects.values().cloned().collect(),
         status: ViewStatus {
             dropped: 0,
             is_pose_given: true,
@@ -109,7 +108,8 @@ fn main() -> Result<(), Box<dyn Error>> {
             seen.measure(&memory);
         }
         let pose = (!lost).then(|| frame.world_from_camera());
-        server.publish_frame(pose, || view_frame(index, &frame, &segments, &seen, lost));
+        server.publish_frame(pose, || view_frame(index, &frame, &segments, lost));
+        server.publish_objects(seen.objects.values().cloned().collect(), index + 1);
         server.publish_map(&memory.map());
         let time = index as u64 * 33_333_333;
         if server.wants_message(channel) {

@@ -33,7 +33,7 @@ const ACCEPT_INTERVAL: Duration = Duration::from_millis(20);
 /// A viewer is looked after at least this often.
 const ATTEND_INTERVAL: Duration = Duration::from_millis(20);
 /// Time to send a viewer what waits for it when the server stops.
-const FAREWELL_TIME: Duration = Duration::from_millis(100);
+const FAREWELL_TIME: Duration = Duration::from_millis(500);
 /// Maximum size of a viewer's message, bytes. Subscriptions are the longest.
 const MAX_MESSAGE: usize = 64 << 10;
 /// Messages of a viewer that are read before it is sent something again.

@@ -1,8 +1,8 @@
 //! The thread that encodes results for the page.
 
-use crate::hub::{PlacedFrame, Shared, Work};
+use crate::hub::{ListedObjects, PlacedFrame, RunNumber, Shared, Work};
+use crate::page_messages;
 use crate::slots::PageMessage;
-use crate::{ViewObject, page_messages};
 use splatseg_output::MapData;
 use std::time::{Duration, Instant};
 
@@ -11,12 +11,13 @@ const STATUS_INTERVAL: Duration = Duration::from_secs(1);
 /// Minimum interval between lists of objects.
 const OBJECTS_INTERVAL: Duration = Duration::from_millis(400);
 
-/// The last messages, so that nothing is sent twice.
+/// The last messages of a run, so that nothing is sent twice.
 #[derive(Default)]
 struct Sent {
-    objects: Vec<ViewObject>,
+    run: RunNumber,
+    objects: ListedObjects,
     /// A newer list that is not due yet.
-    newer_objects: Option<Vec<ViewObject>>,
+    newer_objects: Option<ListedObjects>,
     /// When the list of objects was sent.
     objects_time: Option<Instant>,
     map: Option<Box<MapData>>,
@@ -28,20 +29,31 @@ pub(crate) fn run(shared: &Shared) {
     let mut next_status = Instant::now();
     loop {
         let time = next_status.saturating_duration_since(Instant::now());
-        match shared.pages.next_work(time, || shared.is_stopping()) {
-            Work::Frame(placed) => send_frame(shared, *placed, &mut sent),
+        let (work, run) = shared.pages.next_work(time, || shared.is_stopping());
+        if run != sent.run {
+            sent = Sent { run, ..Sent::default() };
+        }
+        match work {
+            Work::Frame(placed) => {
+                send_frame(shared, &placed, run);
+                send_objects(shared, &mut sent);
+            }
             Work::Map(map, up) => {
                 if sent.map.as_ref() != Some(&map) {
                     let (origin, _) = shared.pages.origin_and_rate();
                     let message = page_messages::map(&map, up, origin);
-                    shared.pages.send(PageMessage::Map, &message, &shared.counters);
+                    shared.pages.send(run, PageMessage::Map, &message, &shared.counters);
                     sent.map = Some(map);
                 }
+            }
+            Work::Objects(objects) => {
+                sent.newer_objects = Some(objects);
+                send_objects(shared, &mut sent);
             }
             Work::Plan(plan) => {
                 let (origin, _) = shared.pages.origin_and_rate();
                 let message = page_messages::plan(plan.as_deref(), origin);
-                shared.pages.send(PageMessage::Plan, &message, &shared.counters);
+                shared.pages.send(run, PageMessage::Plan, &message, &shared.counters);
             }
             Work::Idle => send_objects(shared, &mut sent),
             Work::Last => {
@@ -55,19 +67,17 @@ pub(crate) fn run(shared: &Shared) {
             next_status = Instant::now() + STATUS_INTERVAL;
             let (_, rate) = shared.pages.origin_and_rate();
             let message = page_messages::status(rate, shared.viewers(), &shared.pages.notes());
-            shared.pages.send(PageMessage::Status, &message, &shared.counters);
+            shared.pages.send(run, PageMessage::Status, &message, &shared.counters);
         }
     }
 }
 
-fn send_frame(shared: &Shared, placed: PlacedFrame, sent: &mut Sent) {
+fn send_frame(shared: &Shared, placed: &PlacedFrame, run: RunNumber) {
     let (origin, rate) = shared.pages.origin_and_rate();
-    match page_messages::frame(&placed, origin, rate) {
-        Ok(message) => shared.pages.send(PageMessage::Frame, &message, &shared.counters),
+    match page_messages::frame(placed, origin, rate) {
+        Ok(message) => shared.pages.send(run, PageMessage::Frame, &message, &shared.counters),
         Err(error) => tracing::warn!("frame {} cannot be shown: {error}", placed.frame.name),
     }
-    sent.newer_objects = Some(placed.frame.objects);
-    send_objects(shared, sent);
 }
 
 /// Sends the newest list of objects if it is due and differs.
@@ -75,8 +85,8 @@ fn send_objects(shared: &Shared, sent: &mut Sent) {
     if sent.objects_time.is_some_and(|time| time.elapsed() < OBJECTS_INTERVAL) {
         return;
     }
-    if let Some(objects) = sent.newer_objects.take().filter(|objects| *objects != sent.objects) {
-        shared.pages.send(PageMessage::Objects, &page_messages::objects(&objects), &shared.counters);
+    if let Some(objects) = sent.newer_objects.take().filter(|listed| listed.objects != sent.objects.objects) {
+        shared.pages.send(sent.run, PageMessage::Objects, &page_messages::objects(&objects), &shared.counters);
         sent.objects = objects;
         sent.objects_time = Some(Instant::now());
     }

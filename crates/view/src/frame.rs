@@ -19,13 +19,11 @@ pub struct ViewFrame {
     pub segments: SegmentMap,
     /// Intrinsics of the camera.
     pub intrinsics: Intrinsics,
-    /// All objects found so far, not only those in this frame.
-    pub objects: Vec<ViewObject>,
     /// State of the run.
     pub status: ViewStatus,
 }
 
-/// An object in the list of a [`ViewFrame`].
+/// An object in the list of [`ViewServer::publish_objects`](crate::ViewServer::publish_objects).
 #[derive(Clone, Debug, PartialEq)]
 pub struct ViewObject {
     /// Its id.
@@ -45,13 +43,13 @@ pub struct ViewObject {
 /// State of a run in a [`ViewFrame`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ViewStatus {
-    /// Number of frames of the source that were not processed.
+    /// Number of frames of the source that were not processed. A frame of colour and depth counts once.
     pub dropped: u64,
     /// True if the frame's pose came with it; otherwise the camera is tracked.
     pub is_pose_given: bool,
     /// How finely frames are segmented: the name of a degree of detail. `None` if that cannot be chosen.
     pub detail: Option<&'static str>,
-    /// Time from taking the picture to its result; `None` for a recording.
+    /// Time from taking the picture to showing its result; `None` for a recording.
     pub delay: Option<Duration>,
     /// Further lines to show, e.g. warnings.
     pub lines: Vec<String>,

@@ -5,7 +5,7 @@ use crate::counts::{Counters, count};
 use crate::foxglove::MessageHub;
 use crate::page_messages::{self, Hello};
 use crate::slots::{PageMessage, PageSlot, lock};
-use crate::{AnswerViewer, Token, ViewFrame, ViewLimits};
+use crate::{AnswerViewer, Token, ViewFrame, ViewLimits, ViewObject};
 use glam::{DVec3, Vec3};
 use splatseg_geometry::{MapView, Pose, UpEstimate};
 use splatseg_output::{MapData, map_data};
@@ -39,7 +39,7 @@ impl std::fmt::Debug for Answer {
 pub(crate) struct Shared {
     pub(crate) token: Token,
     pub(crate) scene: String,
-    /// Tells viewers after a reconnection whether the server is the same.
+    /// Tells viewers after a reconnection whether the server is the same. Pages have the number of the run besides.
     pub(crate) session: String,
     pub(crate) host_names: Vec<String>,
     pub(crate) limits: ViewLimits,
@@ -92,11 +92,20 @@ pub(crate) struct PlacedFrame {
     pub(crate) world_from_camera: Option<Pose>,
 }
 
+/// A list of objects.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct ListedObjects {
+    pub(crate) objects: Vec<ViewObject>,
+    /// Number of frames until then.
+    pub(crate) frames: usize,
+}
+
 /// Work for the encoder.
 #[derive(Debug)]
 pub(crate) enum Work {
     Frame(Box<PlacedFrame>),
     Map(Box<MapData>, Vec3),
+    Objects(ListedObjects),
     /// The plan of the map, `None` if it has none any more.
     Plan(Option<Box<FloorPlan>>),
     /// Nothing new for a while.
@@ -119,6 +128,8 @@ struct State {
     viewers: Vec<Arc<PageSlot>>,
     frame: Option<Box<PlacedFrame>>,
     map: Option<Box<MapData>>,
+    /// The list of objects that nobody has been sent; it waits for a viewer.
+    objects: Option<ListedObjects>,
     /// The plan that nobody has been sent; it waits for a viewer.
     plan: Option<Option<Box<FloorPlan>>>,
     /// The latest message of each kind, for viewers that come later.
@@ -130,7 +141,12 @@ struct State {
     next_map: Option<Instant>,
     notes: Vec<String>,
     end: End,
+    run: RunNumber,
 }
+
+/// Number of a run of the server, from 0: see [`PageHub::restart`]. Messages of an earlier run are not sent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct RunNumber(u64);
 
 /// How far the end of a server is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -161,10 +177,33 @@ impl State {
         if seconds > 0.0 { (self.published.len() - 1) as f32 / seconds } else { 0.0 }
     }
 
+    /// The first message for viewers.
+    fn hello(&self, hello: Hello<'_>) -> Message {
+        page_messages::hello(hello, self.run.0, self.origin.unwrap_or_default(), &self.path)
+    }
+
+    fn take_work(&mut self) -> Work {
+        if let Some(frame) = self.frame.take() {
+            return Work::Frame(frame);
+        }
+        if let Some(map) = self.map.take() {
+            return Work::Map(map, self.up.direction());
+        }
+        if !self.viewers.is_empty() {
+            if let Some(objects) = self.objects.take() {
+                return Work::Objects(objects);
+            }
+            if let Some(plan) = self.plan.take() {
+                return Work::Plan(plan);
+            }
+        }
+        if self.end == End::Awaited { Work::Last } else { Work::Idle }
+    }
+
     fn has_work(&self) -> bool {
         self.frame.is_some()
             || self.map.is_some()
-            || (self.plan.is_some() && !self.viewers.is_empty())
+            || ((self.plan.is_some() || self.objects.is_some()) && !self.viewers.is_empty())
             || self.end == End::Awaited
     }
 }
@@ -200,6 +239,28 @@ impl PageHub {
         }
     }
 
+    /// Starts a new run: forgets all results, and gives the viewers `hello` of the next run, by which they start again, too.
+    pub(crate) fn restart(&self, hello: Hello<'_>) {
+        let mut state = lock(&self.state);
+        let (viewers, notes, end, run) =
+            (std::mem::take(&mut state.viewers), std::mem::take(&mut state.notes), state.end, state.run);
+        let old = std::mem::replace(
+            &mut *state,
+            State { viewers, notes, end, run: RunNumber(run.0 + 1), ..State::default() },
+        );
+        for viewer in &state.viewers {
+            viewer.clear();
+            viewer.put(PageMessage::Hello, state.hello(hello));
+        }
+        drop(state);
+        drop(old);
+    }
+
+    /// True if somebody watches.
+    pub(crate) fn is_watched(&self) -> bool {
+        self.viewers() > 0
+    }
+
     /// True if somebody watches and a map is due.
     pub(crate) fn wants_map(&self) -> bool {
         let state = lock(&self.state);
@@ -217,6 +278,13 @@ impl PageHub {
             state.next_map = Some(start + pause);
             state.map.replace(data)
         };
+        self.work.notify_one();
+        drop(old);
+    }
+
+    /// Puts a list of objects in the encoder's slot.
+    pub(crate) fn put_objects(&self, objects: ListedObjects) {
+        let old = lock(&self.state).objects.replace(objects);
         self.work.notify_one();
         drop(old);
     }
@@ -243,26 +311,13 @@ impl PageHub {
         self.finished.notify_all();
     }
 
-    /// Waits for work, at most for this long.
-    pub(crate) fn next_work(&self, time: Duration, is_stopping: impl Fn() -> bool) -> Work {
+    /// Waits for work, at most for this long. Returns it with the run that it belongs to.
+    pub(crate) fn next_work(&self, time: Duration, is_stopping: impl Fn() -> bool) -> (Work, RunNumber) {
         let nothing = |state: &mut State| !is_stopping() && !state.has_work();
         let waited = self.work.wait_timeout_while(lock(&self.state), time, nothing);
         let (mut state, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        if is_stopping() {
-            return Work::Stop;
-        }
-        if let Some(frame) = state.frame.take() {
-            return Work::Frame(frame);
-        }
-        if let Some(map) = state.map.take() {
-            return Work::Map(map, state.up.direction());
-        }
-        if !state.viewers.is_empty()
-            && let Some(plan) = state.plan.take()
-        {
-            return Work::Plan(plan);
-        }
-        if state.end == End::Awaited { Work::Last } else { Work::Idle }
+        let work = if is_stopping() { Work::Stop } else { state.take_work() };
+        (work, state.run)
     }
 
     /// Sets what the page says besides the lines of the latest frame.
@@ -280,9 +335,12 @@ impl PageHub {
         (state.origin.unwrap_or_default(), state.rate())
     }
 
-    /// Gives a message to all viewers, also to those that come later.
-    pub(crate) fn send(&self, kind: PageMessage, message: &Message, counters: &Counters) {
+    /// Gives a message to all viewers, also to those that come later. One of an earlier run is not sent.
+    pub(crate) fn send(&self, run: RunNumber, kind: PageMessage, message: &Message, counters: &Counters) {
         let mut state = lock(&self.state);
+        if state.run != run {
+            return;
+        }
         if let Some(latest) = state.latest.get_mut(kind as usize) {
             *latest = Some(message.clone());
         }
@@ -300,8 +358,7 @@ impl PageHub {
             return None;
         }
         let slot = Arc::new(PageSlot::default());
-        let origin = state.origin.unwrap_or_default();
-        slot.put(PageMessage::Hello, page_messages::hello(hello, origin, &state.path));
+        slot.put(PageMessage::Hello, state.hello(hello));
         for kind in [PageMessage::Objects, PageMessage::Frame, PageMessage::Map, PageMessage::Plan] {
             if let Some(Some(message)) = state.latest.get(kind as usize) {
                 slot.put(kind, message.clone());

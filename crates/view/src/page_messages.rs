@@ -4,7 +4,7 @@
 //! JSON, a JPEG file, and the ids. The page draws them over the picture.
 
 use crate::camera_path::CameraPath;
-use crate::hub::PlacedFrame;
+use crate::hub::{ListedObjects, PlacedFrame, Shared};
 use crate::{ViewFrame, ViewObject};
 use glam::{DQuat, DVec3, Vec3};
 use image::codecs::jpeg::JpegEncoder;
@@ -45,13 +45,24 @@ pub(crate) struct Hello<'a> {
     pub(crate) answers: bool,
 }
 
-/// The first message: `path` has the camera's places so far, relative to `origin`.
-pub(crate) fn hello(Hello { scene, session, answers }: Hello<'_>, origin: DVec3, path: &CameraPath) -> Message {
+impl<'a> Hello<'a> {
+    pub(crate) fn of(shared: &'a Shared) -> Self {
+        Self { scene: &shared.scene, session: &shared.session, answers: shared.answer.get().is_some() }
+    }
+}
+
+/// The first message: `run` is the number of the server's run, `path` has the camera's places so far, relative to `origin`.
+pub(crate) fn hello(
+    Hello { scene, session, answers }: Hello<'_>,
+    run: u64,
+    origin: DVec3,
+    path: &CameraPath,
+) -> Message {
     text(&json!({
         "kind": "hello",
         "version": env!("CARGO_PKG_VERSION"),
         "scene": scene,
-        "session": session,
+        "session": format!("{session}-{run}"),
         "answers": answers,
         "origin": origin,
         "path": path.encoded(origin),
@@ -65,7 +76,7 @@ pub(crate) fn status(frames_per_second: f32, viewers: usize, notes: &[String]) -
 }
 
 /// The list of objects.
-pub(crate) fn objects(objects: &[ViewObject]) -> Message {
+pub(crate) fn objects(ListedObjects { objects, frames }: &ListedObjects) -> Message {
     let object = |object: &ViewObject| {
         json!({
             "id": object.id,
@@ -77,7 +88,8 @@ pub(crate) fn objects(objects: &[ViewObject]) -> Message {
             "spans": object.seen,
         })
     };
-    text(&json!({ "kind": "objects", "objects": objects.iter().map(object).collect::<Vec<Value>>() }))
+    let objects: Vec<Value> = objects.iter().map(object).collect();
+    text(&json!({ "kind": "objects", "frames": frames, "objects": objects }))
 }
 
 /// The map, relative to `origin`; `up` points up in world coordinates.

@@ -2,8 +2,11 @@
 
 use crate::connection::{self, Connections};
 use crate::encoder;
-use crate::hub::{Answer, PlacedFrame, Shared};
-use crate::{AnswerViewer, Channel, ChannelId, Reach, Token, ViewCounts, ViewError, ViewFrame, ViewOptions};
+use crate::hub::{Answer, ListedObjects, PlacedFrame, Shared};
+use crate::page_messages::Hello;
+use crate::{
+    AnswerViewer, Channel, ChannelId, Reach, Token, ViewCounts, ViewError, ViewFrame, ViewObject, ViewOptions,
+};
 use splatseg_geometry::{MapView, Pose};
 use splatseg_places::FloorPlan;
 use std::io;
@@ -13,9 +16,9 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 /// Time for viewers to be told that the server stops, and to leave.
-const FAREWELL_TIME: Duration = Duration::from_millis(200);
-/// The last results must be encoded in this time.
-const FINISH_TIME: Duration = Duration::from_millis(200);
+const FAREWELL_TIME: Duration = Duration::from_millis(700);
+/// The last results, which may include a large map, must be encoded in this time.
+const FINISH_TIME: Duration = Duration::from_secs(1);
 const END_TIME: Duration = Duration::from_millis(500);
 
 /// A server for viewers of a run. It stops when dropped.
@@ -110,12 +113,35 @@ impl ViewServer {
         self.shared.pages.set_notes(notes);
     }
 
+    /// Publishes the list of all objects found so far, in `frames` frames. It comes to the page without a frame, too. The
+    /// page keeps the latest list, also for viewers that come later. Does not wait.
+    pub fn publish_objects(&self, objects: Vec<ViewObject>, frames: usize) {
+        self.shared.pages.put_objects(ListedObjects { objects, frames });
+    }
+
     /// Publishes the map if somebody watches the page and the last one is old enough
-    /// ([`ViewLimits::map_interval`](crate::ViewLimits)). Does not wait; making the map takes milliseconds.
-    pub fn publish_map(&self, map: &MapView<'_>) {
-        if self.shared.pages.wants_map() {
+    /// ([`ViewLimits::map_interval`](crate::ViewLimits)). Returns true if so. Does not wait; making the map takes milliseconds.
+    pub fn publish_map(&self, map: &MapView<'_>) -> bool {
+        let is_wanted = self.shared.pages.wants_map();
+        if is_wanted {
             self.shared.pages.put_map(map, self.shared.limits.map_interval);
         }
+        is_wanted
+    }
+
+    /// As [`Self::publish_map`], however old the last map is: this one will not change for a while.
+    pub fn publish_last_map(&self, map: &MapView<'_>) -> bool {
+        let is_wanted = self.shared.pages.is_watched();
+        if is_wanted {
+            self.shared.pages.put_map(map, self.shared.limits.map_interval);
+        }
+        is_wanted
+    }
+
+    /// Starts again with a new run: frames, objects, map, plan and the camera's path so far are forgotten, and pages load
+    /// again. Does not wait.
+    pub fn restart(&self) {
+        self.shared.pages.restart(Hello::of(&self.shared));
     }
 
     /// Publishes the plan of the map, or that it has none any more. The page keeps the latest one, also for viewers that come

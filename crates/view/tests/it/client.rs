@@ -52,14 +52,6 @@ pub fn frame(number: usize, width: usize, height: usize) -> ViewFrame {
             width,
             height,
         },
-        objects: vec![ViewObject {
-            id: 7,
-            label: Some("mug".to_owned()),
-            oriented_box: None,
-            frames: number + 1,
-            state: Some(ObjectState::Remembered),
-            seen: vec![(0.0, 0.1 * number as f64)],
-        }],
         status: ViewStatus {
             dropped: 3,
             is_pose_given: number == 5,
@@ -67,6 +59,18 @@ pub fn frame(number: usize, width: usize, height: usize) -> ViewFrame {
             delay: None,
             lines: vec!["a warning".to_owned()],
         },
+    }
+}
+
+/// Object 7, as it is after the frame with a number.
+pub fn object(number: usize, label: &str) -> ViewObject {
+    ViewObject {
+        id: 7,
+        label: Some(label.to_owned()),
+        oriented_box: None,
+        frames: number + 1,
+        state: Some(ObjectState::Remembered),
+        seen: vec![(0.0, 0.1 * number as f64)],
     }
 }
 

@@ -1,6 +1,6 @@
 //! The messages of the page, as its script reads them.
 
-use crate::client::{CLOSE, TEXT, WebSocket, frame, pose_at, start, wait_until};
+use crate::client::{CLOSE, TEXT, WebSocket, frame, object, pose_at, start, wait_until};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::{DMat3, DQuat, DVec3};
@@ -81,11 +81,11 @@ fn a_frame_arrives_with_picture_ids_and_pose() {
 fn the_list_of_objects_arrives() {
     let server = start(ViewLimits::default());
     let mut page = watched(&server);
-    server.publish_frame(None, || frame(5, 32, 24));
+    // Without a frame.
+    server.publish_objects(vec![object(5, "mug")], 8);
     let (objects, _) = page.page_message("objects").unwrap();
     let mug = &objects["objects"][0];
     assert_eq!((&mug["id"], &mug["label"], &mug["frames"]), (&json!(7), &json!("mug"), &json!(6)));
-}
     assert_eq!(objects["frames"], 8);
     let mut later = watched(&server);
     assert_eq!(later.page_message("objects").unwrap().0, objects);
@@ -138,6 +138,7 @@ fn every_request_has_an_answer_of_its_own() {
     for id in 1..=5 {
         assert_eq!(page.page_message("named").unwrap().0["id"], json!(id));
     }
+}
 
 #[test]
 fn large_frames_are_reduced() {
@@ -268,15 +269,10 @@ fn the_plan_waits_for_a_viewer_and_goes_with_its_map() {
 fn the_last_results_reach_viewers_before_the_end_of_the_session() {
     let server = start(ViewLimits::default());
     let mut page = watched(&server);
-    let labelled = |label: &str| {
-        let mut frame = frame(1, 32, 24);
-        frame.objects.iter_mut().for_each(|object| object.label = Some(label.to_owned()));
-        frame
-    };
     // The second list is not due yet when the server ends.
-    server.publish_frame(None, || labelled("first"));
+    server.publish_objects(vec![object(1, "first")], 2);
     assert_eq!(page.page_message("objects").unwrap().0["objects"][0]["label"], "first");
-    server.publish_frame(None, || labelled("last"));
+    server.publish_objects(vec![object(1, "last")], 2);
     server.publish_plan(Some(&floor_plan()));
     drop(server);
     let mut kinds = BTreeSet::new();
