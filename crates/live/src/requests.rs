@@ -4,13 +4,14 @@ use crate::LiveSession;
 use splatseg::segmenter::Detail;
 use splatseg_geometry::SegmentId;
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
 /// Number of requests that may wait.
 const WAITING: usize = 8;
-/// An error of whoever has asked.
+/// Errors of whoever has asked.
 const LATE: &str = "the session has not answered in time";
+const ENDED: &str = "the session has ended";
 
 /// A request to a session, carried out between two frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,7 +57,7 @@ impl Requests {
     pub fn send(&self, request: LiveRequest, timeout: Duration) -> Result<String, String> {
         let (answer, answered) = sync_channel(1);
         self.put(PendingRequest::Execute(request, answer))?;
-        answered.recv_timeout(timeout).unwrap_or_else(|_| Err(LATE.to_owned()))
+        answered.recv_timeout(timeout).unwrap_or_else(|error| Err(unanswered(error)))
     }
 
     /// Looks at the session between two frames, and waits for what `look` returns, for `timeout` at most.
@@ -71,10 +72,20 @@ impl Requests {
         let (answer, answered) = sync_channel(1);
         // Whoever has asked may have stopped waiting.
         self.put(PendingRequest::Look(Box::new(move |session| drop(answer.try_send(look(session))))))?;
-        answered.recv_timeout(timeout).map_err(|_| LATE.to_owned())
+        answered.recv_timeout(timeout).map_err(unanswered)
     }
 
     fn put(&self, request: PendingRequest) -> Result<(), String> {
-        self.0.try_send(request).map_err(|_| "the session is busy or has ended".to_owned())
+        self.0.try_send(request).map_err(|error| match error {
+            TrySendError::Full(_) => "the session is busy".to_owned(),
+            TrySendError::Disconnected(_) => ENDED.to_owned(),
+        })
+    }
+}
+
+fn unanswered(error: RecvTimeoutError) -> String {
+    match error {
+        RecvTimeoutError::Timeout => LATE.to_owned(),
+        RecvTimeoutError::Disconnected => ENDED.to_owned(),
     }
 }

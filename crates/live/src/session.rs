@@ -22,6 +22,8 @@ use std::time::{Duration, Instant};
 
 /// Longest time without looking at requests and signals.
 const WAIT: Duration = Duration::from_millis(100);
+/// Requests that are answered between two frames at most, so that viewers who ask all the time do not stop the frames.
+const MAX_REQUESTS: usize = 8;
 const SECOND: Duration = Duration::from_secs(1);
 /// Earlier stamps are not since 1970 but from a simulation or a device: objects were seen when the image was received.
 const EPOCH_TIMES: Duration = Duration::from_secs(1_000_000_000);
@@ -108,12 +110,12 @@ pub struct LiveSession {
     times: LatestTimes,
     latest_stamp: Duration,
     due: Due,
-    requests: (Requests, Receiver<PendingRequest>),
-}
     /// The same, unlike in the messages with all objects.
     has_unpublished_names: bool,
     /// Counts the changes of the map.
     map_version: usize,
+    requests: (Requests, Receiver<PendingRequest>),
+}
 
 /// Stamp, size and camera of a frame, which are published with its result.
 #[derive(Debug)]
@@ -172,10 +174,10 @@ impl LiveSession {
         })
     }
 
-    /// Returns a sender of requests, for other threads.
-    pub fn requests(&self) -> Requests {
             has_unpublished_names: false,
             map_version: 0,
+    /// Returns a sender of requests, for other threads.
+    pub fn requests(&self) -> Requests {
         self.requests.0.clone()
     }
 
@@ -187,6 +189,12 @@ impl LiveSession {
     /// Times of the latest frames.
     pub fn latest_times(&self) -> &LatestTimes {
         &self.times
+    /// Refuses the requests that wait, and those that come later: nobody answers them any more. Whoever waits for an answer
+    /// learns it at once.
+    pub fn close_requests(&mut self) {
+        self.requests.1 = Requests::channel().1;
+    }
+
     }
 
     /// The pipeline.
@@ -232,15 +240,16 @@ impl LiveSession {
                 None => self.status.problem = self.stream.undecided(),
             }
             if self.latest_frame.elapsed() > self.options.lag + SECOND {
+        let mut has_more_requests = false;
                 // The camera has stopped: nothing more will be known about them soon, and there is time for names.
                 self.publish_waiting(|_| true)?;
                 self.has_new_names |= self.pipeline.name_while_idle();
             }
-            self.answer_requests();
+            has_more_requests = self.answer_requests(is_stopped);
             self.do_what_is_due();
         }
         // A name given at the last moment is saved, too.
-        self.answer_requests();
+        self.answer_requests(&mut || false);
         Ok(())
     }
 
@@ -486,8 +495,13 @@ impl LiveSession {
         saved
     }
 
-    fn answer_requests(&mut self) {
-        while let Ok(pending) = self.requests.1.try_recv() {
+    /// Answers requests that wait, until `is_stopped` returns true or as many as may come between two frames are answered.
+    /// Returns true if there may be more.
+    fn answer_requests(&mut self, is_stopped: &mut dyn FnMut() -> bool) -> bool {
+        let mut answered = 0;
+        while answered < MAX_REQUESTS && (answered == 0 || !is_stopped()) {
+            let Ok(pending) = self.requests.1.try_recv() else { break };
+            answered += 1;
             match pending {
                 PendingRequest::Execute(request, answer) => {
                     let done = self.execute(request).map_err(|error| error.to_string());
@@ -517,11 +531,11 @@ impl LiveSession {
                 Ok("forgot everything".to_owned())
             }
             LiveRequest::Name(id, label) => {
-                self.name_by_hand(id, label.as_deref()).map_err(LiveError::Name)?;
+                self.name(id, label.as_deref()).map_err(LiveError::Name)?;
                 Ok(format!("object {id} is {}", label.as_deref().unwrap_or("without a label")))
             }
             LiveRequest::Merge(ids) => {
-                let into = self.merge_objects(&ids)?;
+                let into = self.merge(&ids)?;
                 Ok(format!("{} objects are {into}", ids.len()))
             }
             LiveRequest::Detail(detail) => {
@@ -529,6 +543,11 @@ impl LiveSession {
                 self.pipeline.set_detail(detail);
                 Ok(format!("later frames are segmented with the detail {}", detail.name()))
             }
+        // Once for all of them.
+        if self.has_unpublished_names {
+            self.publish_objects();
+        }
+        answered == MAX_REQUESTS
             LiveRequest::Pause(is_paused) => {
                 self.status.is_paused = is_paused;
                 Ok(if is_paused { "paused" } else { "running" }.to_owned())
@@ -585,8 +604,7 @@ impl LiveSession {
             return Err(format!("there is no object {id}"));
         }
         self.pipeline.name_by_hand(id, label).map_err(|error| error.to_string())?;
-        self.has_new_names = true;
-        self.publish_objects();
+        (self.has_new_names, self.has_unpublished_names) = (true, true);
         Ok(())
     }
 
@@ -597,10 +615,8 @@ impl LiveSession {
     pub fn merge_objects(&mut self, ids: &[SegmentId]) -> Result<SegmentId, MergeObjectsError> {
         let remapped = self.pipeline.merge_objects(ids)?;
         self.seen.remap(&remapped);
-        self.has_new_names = true;
-        // The names were those of the map of before.
-        self.has_new_names = false;
-        self.publish_objects();
+        (self.has_new_names, self.has_unpublished_names) = (true, true);
+        self.map_version += 1;
         Ok(remapped.first().map_or(0, |ids| ids.into))
     }
 
@@ -612,3 +628,15 @@ impl LiveSession {
         self.results.detections(self.latest_stamp, list.all().filter(|object| is_chosen(object)))
     }
 }
+        self.name(id, label)?;
+        self.publish_objects();
+        Ok(())
+    }
+
+    fn name(&mut self, id: SegmentId, label: Option<&str>) -> Result<(), String> {
+        let into = self.merge(ids)?;
+        self.publish_objects();
+        Ok(into)
+    }
+
+    fn merge(&mut self, ids: &[SegmentId]) -> Result<SegmentId, MergeObjectsError> {

@@ -81,9 +81,12 @@ pub fn ros2(arguments: &Ros2Arguments, program: &[OsString]) -> Result<(), Failu
     let report = Box::new(|line: &str| say_error!("  {line}"));
     node.start(Arc::clone(&stream), &session.requests(), parameters, report).map_err(Failure::runtime)?;
     let ended = session.run(&mut || signals.received().is_some());
-    drop(node);
+    // The node waits for its services, which wait for the session. The recording waits for neither.
+    session.close_requests();
     stream.end();
-    arguments.session.finish(&session, &stream, ended, Ok(()))
+    let finished = arguments.session.finish(&session, &stream, ended, Ok(()));
+    drop(node);
+    finished
 }
 
 /// The settings as parameters, by the names of their keys. Those that are not set are left out.
