@@ -104,6 +104,10 @@ pub struct LiveSession {
     waiting: WaitingFrames<PublishedFrame>,
     /// When the latest frame came.
     latest_frame: Instant,
+    /// Since when the session waits for a frame.
+    waiting_since: Instant,
+    /// Images of a frame: colour, and depth if the camera has it.
+    images_per_frame: u64,
     /// Objects have other names, or are merged, unlike in the saved map.
     has_new_names: bool,
     status: LiveStatus,
@@ -167,6 +171,8 @@ impl LiveSession {
             latest_frame: now,
             has_new_names: false,
             status: LiveStatus { saving, ..LiveStatus::default() },
+            waiting_since: now,
+            images_per_frame: 1,
             times: LatestTimes::default(),
             latest_stamp: Duration::ZERO,
             due: Due { objects: now, points: now, status: now, saved: now, saved_frames: 0 },
@@ -233,9 +239,15 @@ impl LiveSession {
 
     fn process(&mut self, is_stopped: &mut dyn FnMut() -> bool) -> Result<(), LiveError> {
         while !is_stopped() {
-            match self.stream.wait(WAIT) {
-                Some(_) if self.status.is_paused => self.status.paused_frames += 1,
-                Some(frame) => self.use_frame(frame)?,
+            match self.stream.wait(if has_more_requests { Duration::ZERO } else { WAIT }) {
+                Some(frame) => {
+                    if self.status.is_paused {
+                        self.status.paused_frames += 1;
+                    } else {
+                        self.use_frame(frame)?;
+                    }
+                    self.waiting_since = Instant::now();
+                }
                 None if self.stream.is_over() => break,
                 None => self.status.problem = self.stream.undecided(),
             }
@@ -244,6 +256,7 @@ impl LiveSession {
                 // The camera has stopped: nothing more will be known about them soon, and there is time for names.
                 self.publish_waiting(|_| true)?;
                 self.has_new_names |= self.pipeline.name_while_idle();
+            self.status.silence = if self.stream.is_played() { Duration::ZERO } else { self.waiting_since.elapsed() };
             }
             has_more_requests = self.answer_requests(is_stopped);
             self.do_what_is_due();

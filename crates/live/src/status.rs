@@ -8,6 +8,8 @@ use std::time::Duration;
 
 /// Age of the results from which a diagnosis is a warning.
 const OLD: Duration = Duration::from_secs(1);
+/// Time without a frame after which the camera is taken to have stopped.
+const SILENCE: Duration = Duration::from_secs(3);
 
 /// The state of a session.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -69,6 +71,10 @@ impl LiveStatus {
     pub fn diagnostics(&self, header: Header) -> DiagnosticArray {
         let problems = self.problems();
         let (level, message) = match self.pose {
+    fn silence_text(&self) -> String {
+        format!("no new frame for {} s", self.silence.as_secs())
+    }
+
             _ if !problems.is_empty() => (DiagnosticStatus::ERROR, problems.join("; ")),
             None => (DiagnosticStatus::STALE, "waiting for frames".to_owned()),
             _ if self.is_paused => (DiagnosticStatus::STALE, "paused".to_owned()),
@@ -76,6 +82,7 @@ impl LiveStatus {
             Some(PoseState::Lost) => (DiagnosticStatus::WARN, "the camera's pose is lost".to_owned()),
             _ if self.age > OLD => (DiagnosticStatus::WARN, "results are old".to_owned()),
             _ => (DiagnosticStatus::OK, "running".to_owned()),
+            _ if self.silence > SILENCE => (DiagnosticStatus::STALE, self.silence_text()),
         };
         let dropped = self.counts.dropped;
         let values = [
@@ -88,6 +95,7 @@ impl LiveStatus {
             ("objects", self.objects.to_string()),
             ("gaussians", self.gaussians.to_string()),
             ("messages", self.counts.messages.to_string()),
+            ("waiting for a frame (ms)", milliseconds(self.silence)),
             ("messages damaged", self.counts.damaged.to_string()),
             ("images dropped: busy", dropped.busy.to_string()),
             ("images dropped: unpaired", dropped.unpaired.to_string()),
@@ -133,6 +141,9 @@ impl fmt::Display for LiveStatus {
             write!(formatter, "; the camera's pose is lost")?;
         }
         if self.is_paused {
+        if self.silence > SILENCE && !self.is_paused {
+            write!(formatter, "; {}", self.silence_text())?;
+        }
             write!(formatter, "; paused")?;
         }
         for doubt in &self.doubts {
@@ -155,6 +166,22 @@ mod tests {
     fn no_problem_hides_another() {
         let full = SaveStatus { saved_frames: Some(3), problem: Some("home.ply: no space".to_owned()) };
         let unsaved = "the map is not saved: home.ply: no space";
+    #[test]
+    fn a_camera_that_has_stopped_is_not_running() {
+        let mut status = LiveStatus { frames: 9, pose: Some(PoseState::Given), ..Default::default() };
+        status.silence = Duration::from_millis(2900);
+        assert_eq!(level_and_message(&status), (DiagnosticStatus::OK, "running".to_owned()));
+        status.silence = Duration::from_millis(12_400);
+        assert_eq!(level_and_message(&status), (DiagnosticStatus::STALE, "no new frame for 12 s".to_owned()));
+        assert!(status.to_string().contains("; no new frame for 12 s; "), "{status}");
+        let diagnostics = status.diagnostics(Header { stamp: Default::default(), frame_id: String::new() });
+        let waiting = diagnostics.status[0].values.iter().find(|value| value.key == "waiting for a frame (ms)");
+        assert_eq!(waiting.map(|value| value.value.as_str()), Some("12400"));
+        status.is_paused = true;
+        assert_eq!(level_and_message(&status), (DiagnosticStatus::STALE, "paused".to_owned()));
+        assert!(!status.to_string().contains("no new frame"), "{status}");
+    }
+
         let mut status =
             LiveStatus { frames: 9, pose: Some(PoseState::Given), saving: Some(full), ..Default::default() };
         assert_eq!(level_and_message(&status), (DiagnosticStatus::ERROR, unsaved.to_owned()));
