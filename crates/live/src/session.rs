@@ -249,7 +249,9 @@ impl LiveSession {
                     self.waiting_since = Instant::now();
                 }
                 None if self.stream.is_over() => break,
-                None => self.status.problem = self.stream.undecided(),
+                None if self.status.frames + self.status.skipped == 0 => self.status.problem = self.stream.undecided(),
+                // That a frame could not be used is the problem until one can.
+                None => {}
             }
             if self.latest_frame.elapsed() > self.options.lag + SECOND {
         let mut has_more_requests = false;
@@ -273,7 +275,10 @@ impl LiveSession {
         let streamed = match frame.read() {
             Ok(streamed) => streamed,
             Err(error) => {
-                self.skip(error.to_string());
+                // Frames of a stream are named by their number, and the reason may begin with it.
+                let reason = error.source.to_string();
+                let reason = reason.strip_prefix(&format!("{}: ", error.name)).unwrap_or(&reason);
+                self.skip(format!("frame {} cannot be used: {reason}", error.index));
                 return Ok(());
             }
         };
