@@ -118,6 +118,8 @@ pub struct LiveFrame<'a> {
     pub pipeline: &'a Pipeline,
     /// The state after the newest frame, which with a lag is a later one.
     pub status: &'a LiveStatus,
+    /// Time since the frame was received.
+    pub delay: Duration,
 }
 
 /// A receiver of a session's results. Its functions are called between two frames, so they must return at once.

@@ -110,14 +110,14 @@ pub struct LiveSession {
     images_per_frame: u64,
     /// Objects have other names, or are merged, unlike in the saved map.
     has_new_names: bool,
-    status: LiveStatus,
-    times: LatestTimes,
-    latest_stamp: Duration,
-    due: Due,
     /// The same, unlike in the messages with all objects.
     has_unpublished_names: bool,
     /// Counts the changes of the map.
     map_version: usize,
+    status: LiveStatus,
+    times: LatestTimes,
+    latest_stamp: Duration,
+    due: Due,
     requests: (Requests, Receiver<PendingRequest>),
 }
 
@@ -126,6 +126,8 @@ pub struct LiveSession {
 struct PublishedFrame {
     stamp: Duration,
     file_stamp: FrameStamp,
+    /// When the frame was received.
+    received: Duration,
     /// Width and height.
     size: (usize, usize),
     intrinsics: Intrinsics,
@@ -169,10 +171,12 @@ impl LiveSession {
             places,
             waiting: WaitingFrames::default(),
             latest_frame: now,
-            has_new_names: false,
-            status: LiveStatus { saving, ..LiveStatus::default() },
             waiting_since: now,
             images_per_frame: 1,
+            has_new_names: false,
+            has_unpublished_names: false,
+            map_version: 0,
+            status: LiveStatus { saving, ..LiveStatus::default() },
             times: LatestTimes::default(),
             latest_stamp: Duration::ZERO,
             due: Due { objects: now, points: now, status: now, saved: now, saved_frames: 0 },
@@ -180,11 +184,15 @@ impl LiveSession {
         })
     }
 
-            has_unpublished_names: false,
-            map_version: 0,
     /// Returns a sender of requests, for other threads.
     pub fn requests(&self) -> Requests {
         self.requests.0.clone()
+    }
+
+    /// Refuses the requests that wait, and those that come later: nobody answers them any more. Whoever waits for an answer
+    /// learns it at once.
+    pub fn close_requests(&mut self) {
+        self.requests.1 = Requests::channel().1;
     }
 
     /// The state after the latest frame.
@@ -195,12 +203,6 @@ impl LiveSession {
     /// Times of the latest frames.
     pub fn latest_times(&self) -> &LatestTimes {
         &self.times
-    /// Refuses the requests that wait, and those that come later: nobody answers them any more. Whoever waits for an answer
-    /// learns it at once.
-    pub fn close_requests(&mut self) {
-        self.requests.1 = Requests::channel().1;
-    }
-
     }
 
     /// The pipeline.
@@ -238,6 +240,7 @@ impl LiveSession {
     }
 
     fn process(&mut self, is_stopped: &mut dyn FnMut() -> bool) -> Result<(), LiveError> {
+        let mut has_more_requests = false;
         while !is_stopped() {
             match self.stream.wait(if has_more_requests { Duration::ZERO } else { WAIT }) {
                 Some(frame) => {
@@ -253,12 +256,11 @@ impl LiveSession {
                 // That a frame could not be used is the problem until one can.
                 None => {}
             }
+            self.status.silence = if self.stream.is_played() { Duration::ZERO } else { self.waiting_since.elapsed() };
             if self.latest_frame.elapsed() > self.options.lag + SECOND {
-        let mut has_more_requests = false;
                 // The camera has stopped: nothing more will be known about them soon, and there is time for names.
                 self.publish_waiting(|_| true)?;
                 self.has_new_names |= self.pipeline.name_while_idle();
-            self.status.silence = if self.stream.is_played() { Duration::ZERO } else { self.waiting_since.elapsed() };
             }
             has_more_requests = self.answer_requests(is_stopped);
             self.do_what_is_due();
@@ -272,6 +274,7 @@ impl LiveSession {
     fn use_frame(&mut self, frame: UndecodedFrame) -> Result<(), LiveError> {
         let (received, started) = (frame.received(), Instant::now());
         self.latest_frame = started;
+        self.images_per_frame = (frame.images().count() as u64).max(1);
         let streamed = match frame.read() {
             Ok(streamed) => streamed,
             Err(error) => {
@@ -287,6 +290,7 @@ impl LiveSession {
         self.pipeline.set_seen_at(since_1970.unwrap_or(received));
         let place = PublishedFrame {
             stamp: frame.timestamp().unwrap_or(received),
+            received,
             file_stamp: FrameStamp {
                 number: self.status.frames,
                 name: Some(frame.name().to_owned()),
@@ -366,6 +370,7 @@ impl LiveSession {
             result,
             pipeline: &self.pipeline,
             status: &self.status,
+            delay: self.stream.time_since(place.received),
         };
         self.outlet.show_frame(&frame);
         self.results.publish_frame(&frame, self.outlet.as_mut());
@@ -385,8 +390,17 @@ impl LiveSession {
         status.doubts.extend(result.doubts.iter().map(|doubt| doubt.text.clone()));
         status.frame_time = started.elapsed();
         status.age = self.stream.time_since(received);
-        status.counts = self.stream.counts();
         self.times.record(status.frame_time, status.age);
+        self.map_version += 1;
+        self.count_messages();
+    }
+
+    fn count_messages(&mut self) {
+        let counts = self.stream.counts();
+        // Each image without a partner is the end of a frame; the others belong to whole ones.
+        let alone = counts.dropped.unpaired;
+        self.status.dropped_frames = alone + (counts.dropped.total() - alone).div_ceil(self.images_per_frame);
+        self.status.counts = counts;
     }
 
     fn do_what_is_due(&mut self) {
@@ -394,6 +408,9 @@ impl LiveSession {
         let has_frames = self.status.frames > 0;
         if passed(self.due.objects, self.options.objects_interval) {
             self.publish_objects();
+        }
+        if let Some(map) = self.pipeline.map().filter(|_| self.outlet.is_watched()) {
+            self.outlet.show_map(&map, self.map_version);
         }
         if has_frames && passed(self.due.points, self.options.points_interval) {
             self.due.points = Instant::now();
@@ -410,12 +427,19 @@ impl LiveSession {
     }
 
     fn publish_all(&mut self) {
+        self.publish_objects();
+        // Its ids may have been settled since the latest frame.
+        self.map_version += 1;
+        if let Some(map) = self.pipeline.map().filter(|_| self.outlet.is_watched()) {
+            self.outlet.show_last_map(&map, self.map_version);
+        }
         if self.status.frames > 0 {
             self.results.publish_points(&self.pipeline, self.latest_stamp, self.outlet.as_mut());
         }
         self.show_status();
     }
 
+    /// Publishes all objects: as messages once there are frames, and on the page.
     fn publish_objects(&mut self) {
         self.due.objects = Instant::now();
         self.has_unpublished_names = false;
@@ -446,9 +470,6 @@ impl LiveSession {
         if self.places.step(&mut self.pipeline, is_wanted) {
             self.publish_places();
         }
-        if let Some(map) = self.pipeline.map().filter(|_| self.outlet.is_watched()) {
-            self.outlet.show_map(&map, self.map_version);
-        }
     }
 
     /// Makes the plan of the map at the end of the frames.
@@ -464,20 +485,13 @@ impl LiveSession {
             self.results.publish_places(&self.pipeline, known, self.latest_stamp, self.outlet.as_mut());
         }
     }
-        self.publish_objects();
-        // Its ids may have been settled since the latest frame.
-        self.map_version += 1;
-        if let Some(map) = self.pipeline.map().filter(|_| self.outlet.is_watched()) {
-            self.outlet.show_last_map(&map, self.map_version);
-        }
 
     fn show_status(&mut self) {
         self.due.status = Instant::now();
         self.status.places = self.places.summary().map(str::to_owned);
         self.status.rate_hz = self.times.since(SECOND) as f32;
-        self.status.counts = self.stream.counts();
+        self.count_messages();
         self.status.gaussians = self.pipeline.map().map_or(0, |map| map.gaussian_count());
-    /// Publishes all objects: as messages once there are frames, and on the page.
         self.status.objects = ObjectCounts::new(self.pipeline.objects(), self.pipeline.map()).objects;
         if self.outlet.wants(Output::Diagnostics) {
             let now = i64::try_from(self.outlet.clock().unwrap_or_else(LiveStream::now).as_nanos()).unwrap_or(i64::MAX);
@@ -529,6 +543,11 @@ impl LiveSession {
                 PendingRequest::Look(look) => look(self),
             }
         }
+        // Once for all of them.
+        if self.has_unpublished_names {
+            self.publish_objects();
+        }
+        answered == MAX_REQUESTS
     }
 
     fn execute(&mut self, request: LiveRequest) -> Result<String, LiveError> {
@@ -561,11 +580,6 @@ impl LiveSession {
                 self.pipeline.set_detail(detail);
                 Ok(format!("later frames are segmented with the detail {}", detail.name()))
             }
-        // Once for all of them.
-        if self.has_unpublished_names {
-            self.publish_objects();
-        }
-        answered == MAX_REQUESTS
             LiveRequest::Pause(is_paused) => {
                 self.status.is_paused = is_paused;
                 Ok(if is_paused { "paused" } else { "running" }.to_owned())
@@ -591,6 +605,8 @@ impl LiveSession {
         }
         self.places.forget();
         self.waiting = WaitingFrames::default();
+        self.map_version += 1;
+        self.outlet.reset();
         Ok(())
     }
 
@@ -616,6 +632,12 @@ impl LiveSession {
     /// # Errors
     /// A sentence: there is no such object, or the label cannot be used.
     pub fn name_by_hand(&mut self, id: SegmentId, label: Option<&str>) -> Result<(), String> {
+        self.name(id, label)?;
+        self.publish_objects();
+        Ok(())
+    }
+
+    fn name(&mut self, id: SegmentId, label: Option<&str>) -> Result<(), String> {
         let is_known = self.pipeline.objects().records().contains_key(&id)
             || self.pipeline.map().is_some_and(|map| map.is_carried(id));
         if !is_known {
@@ -631,6 +653,12 @@ impl LiveSession {
     /// # Errors
     /// [`MergeObjectsError`]; then nothing has changed.
     pub fn merge_objects(&mut self, ids: &[SegmentId]) -> Result<SegmentId, MergeObjectsError> {
+        let into = self.merge(ids)?;
+        self.publish_objects();
+        Ok(into)
+    }
+
+    fn merge(&mut self, ids: &[SegmentId]) -> Result<SegmentId, MergeObjectsError> {
         let remapped = self.pipeline.merge_objects(ids)?;
         self.seen.remap(&remapped);
         (self.has_new_names, self.has_unpublished_names) = (true, true);
@@ -641,20 +669,6 @@ impl LiveSession {
     /// Returns the chosen objects, as in the messages of [`Output::Objects`].
     pub fn detections(&self, is_chosen: impl Fn(&Object) -> bool) -> Detection3dArray {
         let list = self.objects();
-        self.map_version += 1;
-        self.outlet.reset();
         self.results.detections(self.latest_stamp, list.all().filter(|object| is_chosen(object)))
     }
 }
-        self.name(id, label)?;
-        self.publish_objects();
-        Ok(())
-    }
-
-    fn name(&mut self, id: SegmentId, label: Option<&str>) -> Result<(), String> {
-        let into = self.merge(ids)?;
-        self.publish_objects();
-        Ok(into)
-    }
-
-    fn merge(&mut self, ids: &[SegmentId]) -> Result<SegmentId, MergeObjectsError> {

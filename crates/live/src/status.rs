@@ -35,6 +35,10 @@ pub struct LiveStatus {
     pub age: Duration,
     /// Time for the latest frame without waiting.
     pub frame_time: Duration,
+    /// How long the session has waited for a frame. Zero if a recording is played without drops.
+    pub silence: Duration,
+    /// Frames of the source that were not used: their images are in [`Self::counts`].
+    pub dropped_frames: u64,
     /// Objects in the latest frame.
     pub visible_objects: usize,
     /// Objects so far: those that count.
@@ -67,22 +71,22 @@ impl LiveStatus {
         self.problem.iter().cloned().chain(unsaved).collect()
     }
 
-    /// Returns the message for `/diagnostics`.
-    pub fn diagnostics(&self, header: Header) -> DiagnosticArray {
-        let problems = self.problems();
-        let (level, message) = match self.pose {
     fn silence_text(&self) -> String {
         format!("no new frame for {} s", self.silence.as_secs())
     }
 
+    /// Returns the message for `/diagnostics`.
+    pub fn diagnostics(&self, header: Header) -> DiagnosticArray {
+        let problems = self.problems();
+        let (level, message) = match self.pose {
             _ if !problems.is_empty() => (DiagnosticStatus::ERROR, problems.join("; ")),
             None => (DiagnosticStatus::STALE, "waiting for frames".to_owned()),
             _ if self.is_paused => (DiagnosticStatus::STALE, "paused".to_owned()),
+            _ if self.silence > SILENCE => (DiagnosticStatus::STALE, self.silence_text()),
             _ if !self.doubts.is_empty() => (DiagnosticStatus::WARN, self.doubts.join("; ")),
             Some(PoseState::Lost) => (DiagnosticStatus::WARN, "the camera's pose is lost".to_owned()),
             _ if self.age > OLD => (DiagnosticStatus::WARN, "results are old".to_owned()),
             _ => (DiagnosticStatus::OK, "running".to_owned()),
-            _ if self.silence > SILENCE => (DiagnosticStatus::STALE, self.silence_text()),
         };
         let dropped = self.counts.dropped;
         let values = [
@@ -91,11 +95,11 @@ impl LiveStatus {
             ("rate (Hz)", format!("{:.1}", self.rate_hz)),
             ("age (ms)", milliseconds(self.age)),
             ("frame time (ms)", milliseconds(self.frame_time)),
+            ("waiting for a frame (ms)", milliseconds(self.silence)),
             ("visible objects", self.visible_objects.to_string()),
             ("objects", self.objects.to_string()),
             ("gaussians", self.gaussians.to_string()),
             ("messages", self.counts.messages.to_string()),
-            ("waiting for a frame (ms)", milliseconds(self.silence)),
             ("messages damaged", self.counts.damaged.to_string()),
             ("images dropped: busy", dropped.busy.to_string()),
             ("images dropped: unpaired", dropped.unpaired.to_string()),
@@ -137,13 +141,13 @@ impl fmt::Display for LiveStatus {
             milliseconds(self.age)
         )?;
         write!(formatter, "{objects} in all; {} Gaussians", self.gaussians)?;
+        if self.silence > SILENCE && !self.is_paused {
+            write!(formatter, "; {}", self.silence_text())?;
+        }
         if pose == PoseState::Lost {
             write!(formatter, "; the camera's pose is lost")?;
         }
         if self.is_paused {
-        if self.silence > SILENCE && !self.is_paused {
-            write!(formatter, "; {}", self.silence_text())?;
-        }
             write!(formatter, "; paused")?;
         }
         for doubt in &self.doubts {
@@ -163,10 +167,6 @@ mod tests {
     }
 
     #[test]
-    fn no_problem_hides_another() {
-        let full = SaveStatus { saved_frames: Some(3), problem: Some("home.ply: no space".to_owned()) };
-        let unsaved = "the map is not saved: home.ply: no space";
-    #[test]
     fn a_camera_that_has_stopped_is_not_running() {
         let mut status = LiveStatus { frames: 9, pose: Some(PoseState::Given), ..Default::default() };
         status.silence = Duration::from_millis(2900);
@@ -182,6 +182,10 @@ mod tests {
         assert!(!status.to_string().contains("no new frame"), "{status}");
     }
 
+    #[test]
+    fn no_problem_hides_another() {
+        let full = SaveStatus { saved_frames: Some(3), problem: Some("home.ply: no space".to_owned()) };
+        let unsaved = "the map is not saved: home.ply: no space";
         let mut status =
             LiveStatus { frames: 9, pose: Some(PoseState::Given), saving: Some(full), ..Default::default() };
         assert_eq!(level_and_message(&status), (DiagnosticStatus::ERROR, unsaved.to_owned()));

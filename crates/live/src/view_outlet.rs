@@ -173,10 +173,10 @@ fn view_frame(frame: &LiveFrame<'_>, color: &Pixels<[u8; 3]>) -> ViewFrame {
         segments: segments.clone(),
         intrinsics: frame.intrinsics,
         status: ViewStatus {
-            dropped: frame.status.counts.dropped.total(),
+            dropped: frame.status.dropped_frames,
             is_pose_given: frame.result.pose.state == PoseState::Given,
             detail: frame.pipeline.detail().map(Detail::name),
-            delay: Some(frame.status.age),
+            delay: Some(frame.delay),
             lines: lost.into_iter().collect(),
         },
     }

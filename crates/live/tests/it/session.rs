@@ -5,8 +5,9 @@ use splatseg::segmenter::Detail;
 use splatseg::settings::SettingsLayers;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{DatasetSettings, MatchLimits, read_messages};
+use splatseg_geometry::MapView;
 use splatseg_live::{
-    BuildPipeline, LiveOptions, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, SavedMap,
+    BuildPipeline, LiveFrame, LiveOptions, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, SavedMap,
 };
 use splatseg_objects::{ObjectList, SceneGraph};
 use splatseg_places::PlanSettings;
@@ -283,6 +284,209 @@ fn after_a_reset_the_plan_of_the_map_before_is_withdrawn() {
     let graph: TextMessage = from_cdr(after(Output::SceneGraph)).unwrap();
     let graph: SceneGraph = serde_json::from_str(&graph.data).unwrap();
     assert_eq!(graph.objects.len(), 0);
+}
+
+/// What a page gets: lists of objects with the number of frames, versions of the map, and resets.
+#[derive(Clone, Debug, PartialEq)]
+enum Shown {
+    Objects(Vec<u32>, usize),
+    Map(usize),
+    LastMap(usize),
+    Reset,
+}
+
+/// An outlet that watches and wants no messages.
+struct Watcher {
+    shown: Arc<Mutex<Vec<Shown>>>,
+    /// Delays of the frames that were shown, and their numbers.
+    delays: Arc<Mutex<Vec<(usize, Duration)>>>,
+}
+
+impl Watcher {
+    fn show(&self, shown: Shown) {
+        self.shown.lock().unwrap().push(shown);
+    }
+}
+
+impl Outlet for Watcher {
+    fn wants(&self, _: Output) -> bool {
+        false
+    }
+
+    fn publish(&mut self, _: Output, _: Vec<u8>) {}
+
+    fn show(&mut self, _: &LiveStatus) {}
+
+    fn is_watched(&self) -> bool {
+        true
+    }
+
+    fn show_frame(&mut self, frame: &LiveFrame<'_>) {
+        self.delays.lock().unwrap().push((frame.number, frame.delay));
+    }
+
+    fn show_objects(&mut self, objects: &ObjectList, frames: usize) {
+        Watcher::show(self, Shown::Objects(objects.all().map(|object| object.id).collect(), frames));
+    }
+
+    fn show_map(&mut self, _: &MapView<'_>, version: usize) {
+        Watcher::show(self, Shown::Map(version));
+    }
+
+    fn show_last_map(&mut self, _: &MapView<'_>, version: usize) {
+        Watcher::show(self, Shown::LastMap(version));
+    }
+
+    fn reset(&mut self) {
+        Watcher::show(self, Shown::Reset);
+    }
+}
+
+/// A session with a stream, which a [`Watcher`] watches.
+fn watched(stream: LiveStream, options: LiveOptions, load: Option<&Path>) -> (Setting, Watcher) {
+    let stream = Arc::new(stream);
+    let watcher = Watcher { shown: Arc::default(), delays: Arc::default() };
+    let (shown, delays) = (Arc::clone(&watcher.shown), Arc::clone(&watcher.delays));
+    let settings: Settings = SettingsLayers::default().resolve().unwrap();
+    let build: BuildPipeline = Box::new(move |map| match map {
+        Some(map) => Pipeline::builder(&settings).saved_memory(map).build(),
+        None => Pipeline::builder(&settings).build(),
+    });
+    let ends: (_, Box<dyn Outlet>) = (Arc::clone(&stream), Box::new(watcher));
+    let session = LiveSession::new(build, load, ends, options).unwrap();
+    (Setting { stream, published: Arc::default(), shown: Arc::default(), session }, Watcher { shown, delays })
+}
+
+fn without_drops() -> LiveStream {
+    let mut dataset = DatasetSettings::default();
+    dataset.world_frame = Some("map".to_owned());
+    LiveStream::without_drops(&dataset).unwrap()
+}
+
+#[test]
+fn the_page_gets_objects_and_map_of_the_end_without_a_frame_and_learns_of_a_reset() {
+    let folder = tempfile::tempdir().unwrap();
+    let saved = SavedMap::new(folder.path().join("home.ply"));
+    let options = LiveOptions { saved_map: Some(saved.clone()), ..LiveOptions::default() };
+    let (mut setting, watcher) = watched(without_drops(), options, None);
+    play(&mut setting);
+    let ids: Vec<u32> = setting.session.objects().all().map(|object| object.id).collect();
+    let shown = std::mem::take(&mut *watcher.shown.lock().unwrap());
+    let [objects, Shown::LastMap(last)] = &shown[shown.len() - 2..] else { panic!("{shown:?}") };
+    assert_eq!(objects, &Shown::Objects(ids.clone(), 4), "the last list is that of the end");
+    assert!(shown.iter().all(|shown| !matches!(shown, Shown::Map(version) if version >= last)), "{shown:?}");
+
+    // A loaded map is shown before the first frame.
+    let (mut setting, watcher) = watched(without_drops(), LiveOptions::default(), Some(saved.map()));
+    let (requests, is_done) = (setting.session.requests(), AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(Duration::from_millis(700));
+            let answer = requests.send(LiveRequest::Reset, Duration::from_secs(20));
+            is_done.store(true, Ordering::SeqCst);
+            answer.unwrap();
+        });
+        setting.session.run(&mut || is_done.load(Ordering::SeqCst)).unwrap();
+    });
+    let shown = watcher.shown.lock().unwrap();
+    let counted = |list: &[Shown]| match list.iter().find(|shown| matches!(shown, Shown::Objects(..))) {
+        Some(Shown::Objects(ids, frames)) => (ids.len(), *frames),
+        _ => panic!("{list:?}"),
+    };
+    let reset = shown.iter().position(|shown| *shown == Shown::Reset).unwrap();
+    let (before, after) = shown.split_at(reset);
+    assert!(counted(before).0 > 5 && before.contains(&Shown::Map(0)), "{before:?}");
+    assert_eq!(counted(after), (0, 0), "{after:?}");
+}
+
+#[test]
+fn with_a_lag_the_delay_of_a_frame_is_that_of_its_showing() {
+    let mut dataset = DatasetSettings::default();
+    dataset.world_frame = Some("map".to_owned());
+    let limits = MatchLimits { settle: Duration::ZERO, ..MatchLimits::default() };
+    let options = LiveOptions { lag: Duration::from_secs(10), ..LiveOptions::default() };
+    let (mut setting, watcher) = watched(LiveStream::new(&dataset, limits).unwrap(), options, None);
+    let stream = Arc::clone(&setting.stream);
+    read_messages(&recording(), &mut |message| {
+        stream.feed(message.topic, message.type_name, message.data);
+        Ok(())
+    })
+    .unwrap();
+    let started = std::time::Instant::now();
+    // The lag keeps the frames until the end.
+    setting.session.run(&mut || started.elapsed() > Duration::from_secs(2)).unwrap();
+    let delays = watcher.delays.lock().unwrap();
+    assert!(!delays.is_empty() && delays.iter().all(|(_, delay)| *delay > Duration::from_secs(2)), "{delays:?}");
+    // The one that was used is not dropped; each of the others had two images.
+    let status = setting.session.status();
+    assert_eq!((status.dropped_frames + status.frames as u64, status.counts.dropped.unpaired), (4, 0), "{status:?}");
+}
+
+#[test]
+fn requests_without_end_do_not_stop_the_frames_nor_the_end() {
+    let mut setting = setting(LiveOptions::default(), None);
+    let (requests, is_done, is_stopped) = (setting.session.requests(), AtomicBool::new(false), AtomicBool::new(false));
+    std::thread::scope(|scope| {
+        for _ in 0..16 {
+            scope.spawn(|| {
+                while !is_done.load(Ordering::SeqCst) {
+                    // A slow one, so that the others are always faster.
+                    let _ = requests.look(|_| std::thread::sleep(Duration::from_millis(5)), Duration::from_secs(20));
+                }
+            });
+        }
+        scope.spawn(|| {
+            std::thread::sleep(Duration::from_secs(1));
+            is_stopped.store(true, Ordering::SeqCst);
+            // Otherwise the test would go on for ever.
+            std::thread::sleep(Duration::from_secs(3));
+            is_done.store(true, Ordering::SeqCst);
+        });
+        let started = std::time::Instant::now();
+        setting.session.run(&mut || is_stopped.load(Ordering::SeqCst)).unwrap();
+        assert!(started.elapsed() < Duration::from_secs(3), "{:?}", started.elapsed());
+        is_done.store(true, Ordering::SeqCst);
+    });
+}
+
+#[test]
+fn once_requests_are_closed_nobody_waits_for_an_answer() {
+    let mut setting = setting(LiveOptions::default(), None);
+    let requests = setting.session.requests();
+    std::thread::scope(|scope| {
+        let started = std::time::Instant::now();
+        let waiting = scope.spawn(|| requests.send(LiveRequest::Save, Duration::from_secs(20)));
+        std::thread::sleep(Duration::from_millis(300));
+        setting.session.close_requests();
+        let answers = [waiting.join().unwrap(), requests.send(LiveRequest::Reset, Duration::from_secs(20))];
+        assert_eq!(answers, ["the session has ended"; 2].map(|error| Err(error.to_owned())));
+        assert!(started.elapsed() < Duration::from_secs(10), "{:?}", started.elapsed());
+    });
+}
+
+#[test]
+fn the_reason_why_a_frame_cannot_be_used_stays_until_one_can() {
+    let limits = MatchLimits { settle: Duration::ZERO, ..MatchLimits::default() };
+    let mut dataset = DatasetSettings::default();
+    dataset.world_frame = Some("map".to_owned());
+    let (mut setting, _) = watched(LiveStream::new(&dataset, limits).unwrap(), LiveOptions::default(), None);
+    let stream = Arc::clone(&setting.stream);
+    read_messages(&recording(), &mut |message| {
+        // The ends of images are zeros, so that no frame can be read.
+        let mut data = message.data.to_vec();
+        if message.type_name.ends_with("CompressedImage") {
+            let end = data.len();
+            data[end - 200..].fill(0);
+        }
+        stream.feed(message.topic, message.type_name, &data);
+        Ok(())
+    })
+    .unwrap();
+    let started = std::time::Instant::now();
+    setting.session.run(&mut || started.elapsed() > Duration::from_secs(1)).unwrap();
+    let status = setting.session.status();
+    assert!(status.skipped > 0 && status.frames == 0, "{status:?}");
+    assert!(status.problem.is_some(), "{status:?}");
 }
 
 #[test]
