@@ -27,6 +27,18 @@ export function swatch(object) {
   return made;
 }
 
+/** Makes `rows` the children of a list. The row with the focus stays in its place, as one that is moved loses it. */
+export function showRows(list, rows) {
+  const isSame = rows.length === list.children.length && rows.every((row, place) => row === list.children[place]);
+  if (isSame) return;
+  const focused = rows.findIndex((row) => row.contains(document.activeElement) && row.parentElement === list);
+  if (focused < 0) return list.replaceChildren(...rows);
+  const wanted = new Set(rows);
+  for (const row of [...list.children]) if (!wanted.has(row)) row.remove();
+  rows[focused].before(...rows.slice(0, focused));
+  rows[focused].after(...rows.slice(focused + 1));
+}
+
 /** The crop of an object; removes itself if its file is missing. */
 export function cropOf(object, properties) {
   const image = element("img", { ...properties, src: object.crop });

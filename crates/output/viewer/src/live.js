@@ -237,7 +237,11 @@ class LivePage {
     this.#tracks.showFrame(this.#clock.now);
     this.#tracks.update(rows);
     this.#listObjects();
-    if (this.#selected) this.#select(this.#run.byId.has(this.#selected) ? this.#selected : 0);
+    if (!this.#selected) return;
+    // One that is still there only has other facts.
+    if (this.#run.byId.has(this.#selected)) this.#info.show(this.#selected);
+    else this.#select(0);
+    this.#showDrawn();
   }
 
   /** Objects were merged, or could not be. */
@@ -302,6 +306,7 @@ class LivePage {
     try {
       this.#map = new MapView(this.#run, { pick: (id) => this.#pick(id) });
       this.#map.mergeObjects(this.#run.into);
+      this.#map.mark(this.#selected);
       byElementId("map-hint").textContent = "Drag to orbit, scroll to zoom, click an object";
       if (this.#run.cameraOf()) this.#map.showFrame(0);
       this.#createPlan();

@@ -12,6 +12,8 @@ export class ObjectInfo {
   #run;
   #actions;
   #place = document.getElementById("info");
+  /** What is shown now; null without an object. */
+  #shown = null;
   #isolate = null;
   #hide = null;
   /** False as long as objects cannot be merged. */
@@ -31,16 +33,41 @@ export class ObjectInfo {
   show(id) {
     const object = this.#run.byId.get(id);
     this.#place.hidden = !object;
-    if (!object) return this.#place.replaceChildren();
-    const title = `Object ${object.id}${object.label ? `: ${object.label}` : ""}`;
-    const heading = element("h2", {}, [swatch(object), title]);
-    const crop = object.crop ? [cropOf(object, { className: "large", alt: `object ${object.id}` })] : [];
-    const facts = this.#facts(object).flatMap(([name, value]) => [
+    if (!object) {
+      this.#shown = null;
+      return this.#place.replaceChildren();
+    }
+    const actions = this.#actionsOf(object);
+    const kind = [id, Boolean(object.crop), ...actions.map(([name]) => name)].join();
+    // What is shown already stays in its place, with the focus and the place that it was scrolled to.
+    if (this.#shown?.kind !== kind) this.#build(object, actions, kind);
+    const { title, crop, list } = this.#shown;
+    title.textContent = `Object ${object.id}${object.label ? `: ${object.label}` : ""}`;
+    if (crop && crop.getAttribute("src") !== object.crop) crop.src = object.crop;
+    const facts = this.#facts(object);
+    const text = JSON.stringify(facts);
+    if (this.#shown.text === text) return;
+    this.#shown.text = text;
+    const rows = facts.flatMap(([name, value]) => [
       element("dt", { textContent: name }),
       element("dd", { textContent: value }),
     ]);
-    this.#place.replaceChildren(heading, this.#buttons(object), ...crop, element("dl", {}, facts));
-    this.#place.scrollTop = 0;
+    list.replaceChildren(...rows);
+  }
+
+  /** Makes the elements for an object; the same button has the focus as before. */
+  #build(object, actions, kind) {
+    const isOther = this.#shown?.id !== object.id;
+    const focused = this.#place.contains(document.activeElement) ? document.activeElement.textContent : null;
+    const [title, list] = [element("span"), element("dl")];
+    const crop = object.crop ? cropOf(object, { className: "large", alt: `object ${object.id}` }) : null;
+    const { scrollTop } = this.#place;
+    const buttons = actions.map((action) => this.#button(...action));
+    const heading = element("h2", {}, [swatch(object), title]);
+    this.#place.replaceChildren(heading, element("div", { className: "actions" }, buttons), ...(crop ? [crop] : []), list);
+    this.#shown = { id: object.id, kind, title, crop, list, text: null };
+    this.#place.scrollTop = isOther ? 0 : scrollTop;
+    if (!isOther && focused) buttons.find(({ textContent }) => textContent === focused)?.focus();
   }
 
   /** Shows whether the selected object is the only one in the map, and whether it is hidden there. */
@@ -52,7 +79,7 @@ export class ObjectInfo {
   #facts(object) {
     const name = (frame) => this.#run.names[frame];
     const metres = (numbers) => numbers.map((number) => number.toFixed(2));
-    const facts = [["seen in", `${object.frames.toLocaleString("en")} of ${counted(this.#run.frameCount, "frame")}`]];
+    const facts = [["seen in", this.#seenIn(object.frames, this.#run.frameCount)]];
     if (object.seen.length) {
       facts.push(["first", name(object.seen[0][0])], ["last", name(object.seen.at(-1)[1])]);
       facts.push(["largest", `${object.area.toLocaleString("en")} px in ${name(object.best)}`]);
@@ -69,24 +96,32 @@ export class ObjectInfo {
     return facts;
   }
 
-  #buttons(object) {
-    const button = (textContent, act) => {
-      const made = element("button", { type: "button", textContent });
-      made.addEventListener("click", act);
-      return made;
-    };
-    const buttons = [];
-    if (object.seen.length) {
-      buttons.push(button("First frame", () => this.#actions.goTo(object.seen[0][0])));
-      buttons.push(button("Largest view", () => this.#actions.goTo(object.best)));
+  /** A map that was loaded may have been seen in more frames than there are here. */
+  #seenIn(frames, all) {
+    return frames > all ? counted(frames, "frame") : `${frames.toLocaleString("en")} of ${counted(all, "frame")}`;
+  }
+
+  /** Names of the buttons for an object, with what they do. */
+  #actionsOf({ id, seen, gaussians, box }) {
+    const actions = [];
+    if (seen.length) {
+      const object = () => this.#run.byId.get(id);
+      actions.push(["First frame", () => this.#actions.goTo(object().seen[0][0])]);
+      actions.push(["Largest view", () => this.#actions.goTo(object().best)]);
     }
-    if ((object.gaussians || object.box) && this.#actions.center) {
-      buttons.push(button("Centre in map", () => this.#actions.center(object.id)));
-      this.#isolate = button("Isolate", () => this.#actions.isolate());
-      this.#hide = button("Hide", () => this.#actions.hide());
-      buttons.push(this.#isolate, this.#hide);
+    if ((gaussians || box) && this.#actions.center) {
+      actions.push(["Centre in map", () => this.#actions.center(id)]);
+      actions.push(["Isolate", () => this.#actions.isolate()], ["Hide", () => this.#actions.hide()]);
     }
-    if (this.#actions.merge && this.canMerge) buttons.push(button("Merge…", () => this.#actions.merge(object.id)));
-    return element("div", { className: "actions" }, buttons);
+    if (this.#actions.merge && this.canMerge) actions.push(["Merge…", () => this.#actions.merge(id)]);
+    return actions;
+  }
+
+  #button(name, act) {
+    const made = element("button", { type: "button", textContent: name });
+    made.addEventListener("click", act);
+    if (name === "Isolate") this.#isolate = made;
+    if (name === "Hide") this.#hide = made;
+    return made;
   }
 }

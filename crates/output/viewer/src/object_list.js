@@ -1,6 +1,6 @@
 // The list of objects.
 
-import { counted, counts, cropOf, element, swatch } from "./element.js";
+import { counted, counts, cropOf, element, showRows, swatch } from "./element.js";
 
 /** Sort keys of the list; ties are broken by id. */
 const ORDERS = {
@@ -97,9 +97,7 @@ export class ObjectList {
   #sort() {
     const order = ORDERS[this.#order.value];
     const sorted = [...this.#objects].sort((left, right) => order(left, right) || left.id - right.id);
-    const rows = sorted.map((object) => this.#rows.get(object.id));
-    const isSame = rows.length === this.#list.children.length && rows.every((row, place) => row === this.#list.children[place]);
-    if (!isSame) this.#list.replaceChildren(...rows);
+    showRows(this.#list, sorted.map((object) => this.#rows.get(object.id)));
   }
 
   /** True if the text that is looked for fits an object. */
@@ -158,7 +156,7 @@ function row(object, onPick) {
 /** Writes an object's label, number of frames and crop into its row. */
 function describe(row, object) {
   const crop = row.querySelector(".crop");
-  if (crop && object.crop) crop.src = object.crop;
+  if (crop && object.crop && crop.getAttribute("src") !== object.crop) crop.src = object.crop;
   if (!crop && object.crop) row.querySelector(".swatch").after(cropOf(object, { className: "crop", alt: "", loading: "lazy" }));
   row.querySelector(".label").textContent = object.label ?? "";
   const [number, noun] = counted(object.frames, "frame").split(" ");

@@ -1,6 +1,6 @@
 // The timeline's rows: when each object is seen, and the shown frame.
 
-import { counted, counts, element, nameOf, swatch } from "./element.js";
+import { counted, counts, element, nameOf, showRows, swatch } from "./element.js";
 import { roundLength } from "./scale_bar.js";
 
 /** Height of a row, pixels, as in the style. */
@@ -66,9 +66,8 @@ export class Tracks {
   #showRows() {
     this.#shown = this.#objects.filter(({ id }) => this.#isWanted(id));
     const buttons = this.#shown.map(({ id }) => this.#buttons.get(id));
-    const rows = this.#names.children;
-    const isSame = buttons.length === rows.length && buttons.every((button, row) => rows[row].firstChild === button);
-    if (!isSame) this.#names.replaceChildren(...buttons.map((button) => element("li", {}, [button])));
+    // A button's row goes with it.
+    showRows(this.#names, buttons.map((button) => button.parentElement ?? element("li", {}, [button])));
     this.#draw();
   }
 
