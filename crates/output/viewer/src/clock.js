@@ -72,7 +72,9 @@ export class Clock {
 }
 
 /** A duration in seconds, or minutes and seconds. */
-function durationText(seconds, digits) {
+function durationText(exact, digits) {
+  // Rounded first: 59.996 s is a minute.
+  const seconds = Number(exact.toFixed(digits));
   if (seconds < 60) return `${seconds.toFixed(digits)} s`;
   const minutes = Math.floor(seconds / 60);
   const rest = (seconds - 60 * minutes).toFixed(digits);

@@ -224,7 +224,7 @@ export function showRun(run) {
     await show(Math.min(frame, Math.max(0, run.frameCount - 1)));
     select(run.byId.has(wanted.number("object")) ? wanted.number("object") : 0);
     visibility.hide((wanted.numbers("hide") ?? []).filter((id) => run.byId.has(id)));
-    if (wanted.number("alone") && selected && !visibility.isolated) visibility.toggleIsolated();
+    if (Boolean(wanted.number("alone") && selected) !== visibility.isolated) visibility.toggleIsolated();
     root.dataset.ready = "yes";
   }
 
