@@ -230,7 +230,7 @@ class LivePage {
   }
 
   #showObjects(message) {
-    this.#run.setObjects(message.objects);
+    this.#run.setObjects(message.objects, message.frames);
     this.#status.setObjects(this.#run.objects.filter(counts).length);
     const rows = this.#run.rows();
     for (const { seen } of rows) this.#clock.reach(seen.at(-1)?.[1] ?? 0);

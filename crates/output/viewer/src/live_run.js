@@ -46,7 +46,7 @@ export class LiveRun {
 
   /** Records a frame's camera. */
   addFrame({ index, number, camera, origin, pose }) {
-    this.frameCount = number + 1;
+    this.frameCount = Math.max(this.frameCount, number + 1);
     this.#camera = camera;
     this.#pose = pose && { position: pose.slice(0, 3), quaternion: pose.slice(3) };
     this.origin = origin;
@@ -57,8 +57,12 @@ export class LiveRun {
     if (this.#rotations.length > MAX_ROTATIONS) this.#rotations = this.#rotations.filter((_, place) => place % 2 === 0);
   }
 
-  /** `spans` of an object are when it was seen, `[first, last]`, seconds since the first frame. */
-  setObjects(objects) {
+  /**
+   * `spans` of an object are when it was seen, `[first, last]`, seconds since the first frame. `frames` is the number of frames
+   * until then: the picture may be of an earlier one.
+   */
+  setObjects(objects, frames = 0) {
+    this.frameCount = Math.max(this.frameCount, frames);
     // Frames that the page could go to are not kept. A list may be older than a merge.
     this.objects = objects.filter(({ id }) => !this.into.has(id)).map((object) => ({ ...object, seen: [] }));
     this.byId = new Map(this.objects.map((object) => [object.id, object]));
