@@ -1,7 +1,8 @@
 //! The protocol over HTTP, for assistants that do not start the server themselves: MCP's streamable HTTP, with the official
 //! SDK. Each request is answered by itself, as JSON; there are no sessions.
 //!
-//! A client needs the token, as `Authorization: Bearer TOKEN` or as `?token=TOKEN`. Pages of browsers are refused: requests
+//! A client needs the token, as `Authorization: Bearer TOKEN` or as `?token=TOKEN`. Connections that have not shown it have
+//! a pool of their own, in which a new one takes the place of the oldest: they keep no client out. Pages of browsers are refused: requests
 //! with an `Origin`, and on loopback those whose `Host` is not a loopback name (DNS rebinding).
 
 use crate::{Assistant, MAX_MESSAGE_BYTES, MapServer, McpError};
@@ -15,17 +16,20 @@ use hyper_util::rt::{TokioIo, TokioTimer};
 use rmcp::transport::streamable_http_server::session::never::NeverSessionManager;
 use rmcp::transport::{StreamableHttpServerConfig, StreamableHttpService};
 use splatseg_view::{Reach, Token};
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::net::{SocketAddr, TcpListener};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::sync::Semaphore;
+use tokio::task::AbortHandle;
 
 /// Path of the protocol.
 const PATH: &str = "/mcp";
-/// Most connections at the same time; others wait.
+/// Most connections at the same time that have shown the token.
 const MAX_CONNECTIONS: usize = 32;
+/// Most connections at the same time that have not.
+const MAX_STRANGERS: usize = 64;
 /// A client must send the head of its request within this time.
 const HEAD_TIME: Duration = Duration::from_secs(10);
 /// Pause after the system has refused a connection, e.g. for lack of files.
@@ -103,26 +107,78 @@ impl HttpServer {
 
     /// Answers one client on a stream that is open already, until either side closes it.
     pub async fn serve_on<S: AsyncRead + AsyncWrite + Unpin>(&self, stream: S) {
-        self.answers.serve_on(stream).await;
+        self.answers.serve_on(stream, || true).await;
     }
 
     async fn accept(self) -> Result<(), McpError> {
         let Self { listener, answers, .. } = self;
         let listener = tokio::net::TcpListener::from_std(listener);
         let listener = listener.map_err(|error| McpError::Connection(error.to_string()))?;
-        let places = Arc::new(Semaphore::new(MAX_CONNECTIONS));
-        loop {
-            let Ok(place) = Arc::clone(&places).acquire_owned().await else { return Ok(()) };
+        let connections = Arc::new(Connections::default());
+        for number in 0.. {
             let Ok((stream, _)) = listener.accept().await else {
                 tokio::time::sleep(RETRY).await;
                 continue;
             };
-            let answers = Arc::clone(&answers);
-            tokio::spawn(async move {
-                let _place = place;
-                answers.serve_on(stream).await;
-            });
+            let (answers, place) = (Arc::clone(&answers), Place { connections: Arc::clone(&connections), number });
+            let task = tokio::spawn(async move { answers.serve_on(stream, || place.admit()).await });
+            // All tasks are on this thread, so that this one has not begun.
+            connections.add(number, task.abort_handle());
         }
+        Ok(())
+    }
+}
+
+/// The open connections, by number, in the order of their coming.
+#[derive(Default)]
+struct Connections(Mutex<BTreeMap<u64, Open>>);
+
+struct Open {
+    task: AbortHandle,
+    has_shown_token: bool,
+}
+
+impl Connections {
+    fn lock(&self) -> MutexGuard<'_, BTreeMap<u64, Open>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds a connection. Too many without the token cost the oldest of them its place.
+    fn add(&self, number: u64, task: AbortHandle) {
+        let mut open = self.lock();
+        let strangers: Vec<u64> =
+            open.iter().filter(|(_, other)| !other.has_shown_token).map(|(number, _)| *number).collect();
+        if strangers.len() >= MAX_STRANGERS
+            && let Some(oldest) = strangers.first().and_then(|oldest| open.remove(oldest))
+        {
+            oldest.task.abort();
+        }
+        open.insert(number, Open { task, has_shown_token: false });
+    }
+}
+
+/// The place of an open connection, which it leaves at the end.
+struct Place {
+    connections: Arc<Connections>,
+    number: u64,
+}
+
+impl Place {
+    /// Records that the connection has shown the token. Returns false if too many others have.
+    fn admit(&self) -> bool {
+        let mut open = self.connections.lock();
+        let known = open.iter().filter(|(number, other)| **number != self.number && other.has_shown_token).count();
+        let has_room = known < MAX_CONNECTIONS;
+        if let (true, Some(own)) = (has_room, open.get_mut(&self.number)) {
+            own.has_shown_token = true;
+        }
+        has_room
+    }
+}
+
+impl Drop for Place {
+    fn drop(&mut self) {
+        self.connections.lock().remove(&self.number);
     }
 }
 
@@ -133,8 +189,9 @@ struct Answers {
 }
 
 impl Answers {
-    async fn serve_on<S: AsyncRead + AsyncWrite + Unpin>(&self, stream: S) {
-        let answer = service_fn(async |request| Ok::<_, Infallible>(self.answer(request).await));
+    /// Answers a client. `admit` is called once a request has the token; if it returns false, there are too many clients.
+    async fn serve_on<S: AsyncRead + AsyncWrite + Unpin>(&self, stream: S, admit: impl Fn() -> bool) {
+        let answer = service_fn(async |request| Ok::<_, Infallible>(self.answer(request, &admit).await));
         // A client that leaves or sends no HTTP is its own problem.
         let _ = hyper::server::conn::http1::Builder::new()
             .timer(TokioTimer::new())
@@ -144,7 +201,11 @@ impl Answers {
     }
 
     /// The answer to a request.
-    async fn answer(&self, request: Request<Incoming>) -> Response<BoxBody<Bytes, Infallible>> {
+    async fn answer(
+        &self,
+        request: Request<Incoming>,
+        admit: &impl Fn() -> bool,
+    ) -> Response<BoxBody<Bytes, Infallible>> {
         if request.uri().path() != PATH {
             return refused(StatusCode::NOT_FOUND, "this server has only /mcp");
         }
@@ -157,6 +218,9 @@ impl Answers {
                 refused(StatusCode::UNAUTHORIZED, "the token that the server has printed is missing or wrong");
             response.headers_mut().insert(WWW_AUTHENTICATE, hyper::header::HeaderValue::from_static("Bearer"));
             return response;
+        }
+        if !admit() {
+            return refused(StatusCode::SERVICE_UNAVAILABLE, "there are too many clients");
         }
         self.service.handle(request).await
     }

@@ -86,6 +86,27 @@ fn tools_are_called_with_the_token_only() {
 }
 
 #[test]
+fn connections_without_the_token_keep_no_client_out() {
+    let server = bind("127.0.0.1:0").unwrap();
+    let address = server.address();
+    std::thread::spawn(move || server.serve());
+    let strangers: Vec<TcpStream> = (0..150).map(|_| TcpStream::connect(address).unwrap()).collect();
+    let (host, bearer) = (format!("Host: {address}"), format!("Authorization: Bearer {TOKEN}"));
+    let accept = "Accept: application/json, text/event-stream";
+    let head = ["POST /mcp HTTP/1.1", &host, &bearer, accept, "Content-Type: application/json"];
+    let started = std::time::Instant::now();
+    assert_eq!(send(address, &head, &request(1, "tools/list", &json!({}))).0, 200);
+    assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
+    // The oldest had to go, and the newest has not.
+    let mut byte = [0];
+    let (mut oldest, mut newest) = (&strangers[0], &strangers[149]);
+    oldest.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+    assert_eq!(oldest.read(&mut byte).unwrap(), 0);
+    newest.set_read_timeout(Some(Duration::from_millis(100))).unwrap();
+    newest.read(&mut byte).unwrap_err();
+}
+
+#[test]
 fn addresses_of_the_network_are_refused() {
     let error = bind("0.0.0.0:0").err().unwrap();
     assert!(error.contains("0.0.0.0:0") && error.contains("other computers could reach it"), "{error}");
