@@ -14,6 +14,7 @@
 //! | `places.rs` | rooms, free space and routes, from whoever knows them |
 //! | `floor_places.rs` | the same from the map's floor plan |
 //! | `server.rs` | the protocol, over a pair of byte streams |
+//! | `lines.rs` | errors for lines that are no messages |
 //! | `http.rs` | the same over HTTP |
 //!
 //! `docs/ASSISTANT.md` explains the tools to users.
@@ -25,6 +26,7 @@ mod error;
 mod facts;
 mod floor_places;
 mod http;
+mod lines;
 mod object_reference;
 mod open_map;
 mod places;

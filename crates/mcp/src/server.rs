@@ -1,7 +1,7 @@
 //! The protocol: MCP over a pair of byte streams, with the official SDK.
 
 use crate::tool::Outcome;
-use crate::{Assistant, McpError};
+use crate::{Assistant, McpError, lines};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use rmcp::model::{
@@ -13,11 +13,13 @@ use rmcp::transport::async_rw::AsyncRwTransport;
 use rmcp::{ServerHandler, ServiceExt};
 use std::sync::Arc;
 use std::time::Duration;
-use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::io::{AsyncRead, AsyncWrite, duplex};
 use tokio::sync::Mutex;
 
-/// Longer messages of a client are dropped, bytes. No tool needs more.
+/// Longer messages of a client are refused, bytes. No tool needs more.
 pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
+/// Bytes that wait between a client and the SDK.
+const BUFFER: usize = 64 << 10;
 /// How long the program waits for a call that still runs when the client has gone.
 const LAST_CALL: Duration = Duration::from_secs(2);
 
@@ -43,19 +45,33 @@ impl MapServer {
     }
 
     /// Serves a client until it closes its side of the connection. Anything but a message of the protocol is answered as
-    /// the protocol says or dropped; it does not end the connection.
+    /// the protocol says or dropped; it does not end the connection. Lines that are no JSON, or longer than
+    /// [`MAX_MESSAGE_BYTES`], are answered with the error -32700.
     ///
     /// # Errors
     /// [`McpError::Connection`] if the client leaves before the protocol has begun, or the connection fails.
+    ///
+    /// # Panics
+    /// On a runtime of Tokio without timers.
     pub async fn serve_on<R, W>(self, from_client: R, to_client: W) -> Result<(), McpError>
     where
         R: AsyncRead + Send + Unpin + 'static,
         W: AsyncWrite + Send + Unpin + 'static,
     {
         let failed = |error: String| McpError::Connection(error);
-        let transport = AsyncRwTransport::new_server(from_client, to_client).with_max_line_length(MAX_MESSAGE_BYTES);
-        let running = self.serve(transport).await.map_err(|error| failed(error.to_string()))?;
-        running.waiting().await.map(drop).map_err(|error| failed(error.to_string()))
+        let ((to_sdk, of_client), (to_answer, of_sdk)) = (duplex(BUFFER), duplex(BUFFER));
+        let (errors, wrong) = tokio::sync::mpsc::channel(lines::WAITING);
+        let passing = tokio::spawn(lines::pass_on(from_client, to_sdk, errors));
+        let answering = tokio::spawn(lines::answer(of_sdk, to_client, wrong));
+        let transport = AsyncRwTransport::new_server(of_client, to_answer).with_max_line_length(MAX_MESSAGE_BYTES);
+        let served = match self.serve(transport).await {
+            Ok(running) => running.waiting().await.map(drop).map_err(|error| failed(error.to_string())),
+            Err(error) => Err(failed(error.to_string())),
+        };
+        // If the protocol has not begun, more of the client's lines may wait. The last answers have some time to leave.
+        passing.abort();
+        let _ = tokio::time::timeout(LAST_CALL, answering).await;
+        served
     }
 }
 

@@ -78,8 +78,14 @@ fn wrong_messages_do_not_end_the_connection() {
             deep.as_bytes(),
             long.as_bytes(),
         ];
+        // An empty line is nothing; the others have the same form as a message.
+        let is_json = |line: &[u8]| line.is_empty() || [&b"[]"[..], b"null"].contains(&line) || line.ends_with(b"}");
         for line in wrong {
             lines.send(line).await;
+            if !is_json(line) || line.len() > MAX_MESSAGE_BYTES {
+                let error = lines.receive().await;
+                assert_eq!((&error["error"]["code"], &error["id"]), (&json!(-32700), &Value::Null), "{error}");
+            }
             lines.send(PING).await;
             assert!(
                 lines.answer(7).await["result"].is_object(),
