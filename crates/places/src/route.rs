@@ -95,7 +95,8 @@ impl<'a> RoutePlanner<'a> {
         let cells = self.search(start, end).ok_or(RouteError::NoWay { from, to, radius: self.radius })?;
         let shape = &self.grid.shape;
         let points: Vec<DVec2> = self.straightened(&cells).into_iter().map(|cell| shape.center(cell)).collect();
-        let length_m = points.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+        // The sum of nothing would be -0.
+        let length_m = points.windows(2).fold(0.0, |length, pair| length + pair[0].distance(pair[1]));
         let clearance_m = points
             .windows(2)
             .flat_map(|pair| self.cells_between(pair[0], pair[1]))

@@ -76,11 +76,12 @@ impl Tool for Route {
             (assistant.stop(&input.from)?, assistant.stop(&input.to)?);
         let destination = other.map_or(Destination::Place(to), Destination::Object);
         let route = assistant.places()?.route(from, destination, radius)?;
-        let length: f64 = route.windows(2).map(|part| part[0].distance(part[1])).sum();
+        // The sum of nothing would be -0.
+        let length = route.windows(2).fold(0.0, |length, part| length + part[0].distance(part[1]));
         let shown = Shown { objects: one.into_iter().chain(other).collect(), route: &route };
         let (picture, _) = draw(assistant.map.current(), &shown)?;
         let step = route.len().div_ceil(MAX_POINTS - 1).max(1);
-        let last = route.last().filter(|_| route.len() % step != 1).copied();
+        let last = route.last().filter(|_| !(route.len() - 1).is_multiple_of(step)).copied();
         let points_m: Vec<[f64; 3]> = route.iter().step_by(step).copied().chain(last).map(rounded).collect();
         let text = format!("From {from_words} to {to_words}: {length:.2} m for a robot with a radius of {radius} m.");
         let data = Output { length_m: thousandths(length), points_m };
