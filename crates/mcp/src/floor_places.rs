@@ -1,11 +1,12 @@
 //! The rooms, free space and routes of a map's floor plan.
 
+use crate::facts::place;
 use crate::places::{Destination, PlaceRoom, Places};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use splatseg::pipeline::NamedMap;
 use splatseg_geometry::SegmentId;
 use splatseg_objects::RoomNameSource;
-use splatseg_places::{Cell, FloorPlan, PlanSettings, Room};
+use splatseg_places::{Cell, FloorPlan, PlanFrame, PlanSettings, Room, RouteError};
 
 /// The places of a map, from its keyframes.
 ///
@@ -46,6 +47,12 @@ impl Places for FloorPlan {
         }
     }
 
+    fn free_place(&self, room: &PlaceRoom, radius: f64) -> Result<DVec3, String> {
+        let place = self.free_place_in_room(room.id, radius).map_err(|error| explained(&error, self.frame()))?;
+        let no_place = || format!("{} has no free place for a robot with a radius of {radius} m.", room.called());
+        place.map(|place| self.frame().to_world(place)).ok_or_else(no_place)
+    }
+
     fn route(&self, from: DVec3, to: Destination, radius: f64) -> Result<Vec<DVec3>, String> {
         let frame = self.frame();
         let from = frame.to_plan(from);
@@ -53,7 +60,22 @@ impl Places for FloorPlan {
             Destination::Place(place) => self.route(from, frame.to_plan(place), radius),
             Destination::Object(object) => self.route_to_object(from, object, radius).map(|(route, _)| route),
         };
-        let route = route.map_err(|error| error.to_string())?;
+        let route = route.map_err(|error| explained(&error, frame))?;
         Ok(route.points.into_iter().map(|point| frame.to_world(point)).collect())
+    }
+}
+
+/// The text of an error, with places in world coordinates, which are those of the tools.
+fn explained(error: &RouteError, frame: &PlanFrame) -> String {
+    let world = |at: DVec2| place(frame.to_world(at).to_array());
+    match error {
+        RouteError::NotFree { place, radius, within } => {
+            format!("{} m is not free for a radius of {radius} m, nor is a place within {within} m.", world(*place))
+        }
+        RouteError::NoWay { from, to, radius } => {
+            let (from, to) = (world(*from), world(*to));
+            format!("No known free way leads from {from} to {to} m for a radius of {radius} m.")
+        }
+        other => other.to_string(),
     }
 }

@@ -19,6 +19,15 @@ pub trait Places: Send {
     /// its way, `None` if nobody has looked.
     fn is_free(&self, place: DVec3) -> Option<bool>;
 
+    /// The place on the floor nearest to a room's middle, and in the room, where a robot of a radius (metres) can stand: world
+    /// coordinates, metres.
+    ///
+    /// # Errors
+    /// A sentence: there is none.
+    fn free_place(&self, room: &PlaceRoom, _radius: f64) -> Result<DVec3, String> {
+        Ok(room.middle)
+    }
+
     /// The shortest way for a robot of a radius (metres) from one place to another, or to where it faces an object: points on
     /// the floor, world coordinates, metres.
     ///
@@ -36,7 +45,7 @@ pub struct PlaceRoom {
     pub name: Option<String>,
     /// True if the name was told from its objects, not given by a person.
     pub is_derived: bool,
-    /// A place on its floor, where it is widest: world coordinates, metres.
+    /// A place on its floor, where it is widest; furniture may stand there. World coordinates, metres.
     pub middle: DVec3,
     /// Area of its floor, square metres.
     pub area_m2: f64,

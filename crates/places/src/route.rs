@@ -1,8 +1,8 @@
 //! Routes of a robot on the free cells, by A*.
 
-use crate::RouteError;
 use crate::clearance::clearances;
 use crate::grid::{Cell, OccupancyGrid};
+use crate::{FloorPlan, RouteError};
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
@@ -35,6 +35,20 @@ pub(crate) struct RoutePlanner<'a> {
     grid: &'a OccupancyGrid,
     clearances: Vec<f64>,
     radius: f64,
+}
+
+impl FloorPlan {
+    /// The place nearest to the middle of a room, and in the room, in which a robot of this radius, metres, has space: the
+    /// middle may be under a table. In the plan's coordinates; `None` if there is none, or no such room.
+    ///
+    /// # Errors
+    /// [`RouteError::Radius`].
+    pub fn free_place_in_room(&self, room: u32, radius: f64) -> Result<Option<DVec2>, RouteError> {
+        let planner = RoutePlanner::new(self.grid(), radius)?;
+        let Some(room) = self.rooms().iter().find(|other| other.id == room) else { return Ok(None) };
+        let in_room = (0..self.grid().shape.len()).filter(|cell| self.room_of_cell(*cell) == room.id);
+        Ok(planner.nearest_of(in_room, room.middle).map(|cell| self.grid().shape.center(cell)))
+    }
 }
 
 /// A cell to be looked at, the cheapest first.
@@ -80,13 +94,17 @@ impl<'a> RoutePlanner<'a> {
     /// The cell nearest to a place in which the robot has space.
     fn nearest(&self, place: DVec2) -> Result<usize, RouteError> {
         let shape = &self.grid.shape;
-        let apart = |cell: &usize| shape.center(*cell).distance_squared(place);
         let mut near: Vec<usize> = if place.is_finite() { shape.within(place, SNAP) } else { Vec::new() };
         near.extend(shape.cell_at(place));
-        let nearest = near.into_iter().filter(|cell| self.has_space(*cell));
-        nearest
-            .min_by(|one, other| apart(one).total_cmp(&apart(other)).then(one.cmp(other)))
-            .ok_or(RouteError::NotFree { place, radius: self.radius, within: SNAP })
+        let nearest = self.nearest_of(near.into_iter(), place);
+        nearest.ok_or(RouteError::NotFree { place, radius: self.radius, within: SNAP })
+    }
+
+    /// The one of these cells nearest to a place in which the robot has space.
+    fn nearest_of(&self, cells: impl Iterator<Item = usize>, place: DVec2) -> Option<usize> {
+        let apart = |cell: &usize| self.grid.shape.center(*cell).distance_squared(place);
+        let free = cells.filter(|cell| self.has_space(*cell));
+        free.min_by(|one, other| apart(one).total_cmp(&apart(other)).then(one.cmp(other)))
     }
 
     /// The cheapest way between two places, in the plan's coordinates.
@@ -196,5 +214,40 @@ impl<'a> RoutePlanner<'a> {
         let mut cells: Vec<usize> = (0..=steps).filter_map(at).collect();
         cells.dedup();
         cells
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::grid::GridShape;
+
+    /// Cells of 0.1 m, 40 in a row, free but for a table in the middle.
+    fn around_a_table() -> OccupancyGrid {
+        let shape = GridShape { origin: DVec2::ZERO, resolution: 0.1, width: 40, height: 40 };
+        let is_table = |cell: usize| (shape.center(cell) - DVec2::splat(2.0)).abs().max_element() < 1.0;
+        let cells = (0..shape.len()).map(|cell| if is_table(cell) { Cell::Occupied } else { Cell::Free }).collect();
+        OccupancyGrid { shape, cells }
+    }
+
+    #[test]
+    fn the_nearest_free_place_may_be_farther_than_a_robot_is_moved() {
+        let grid = around_a_table();
+        let planner = RoutePlanner::new(&grid, 0.2).unwrap();
+        let middle = DVec2::splat(2.0);
+        planner.nearest(middle).unwrap_err();
+        let right = (0..grid.shape.len()).filter(|cell| grid.shape.center(*cell).x > 2.0);
+        let place = grid.shape.center(planner.nearest_of(right, middle).unwrap());
+        assert!(place.x > 3.1 && place.x < 3.4 && (place.y - 2.0).abs() < 0.1, "{place}");
+        assert_eq!(planner.nearest_of(std::iter::empty(), middle), None);
+    }
+
+    #[test]
+    fn a_way_to_the_same_place_has_no_length() {
+        let grid = around_a_table();
+        let place = DVec2::splat(0.5);
+        let route = RoutePlanner::new(&grid, 0.2).unwrap().route(place, place).unwrap();
+        assert_eq!((route.points.len(), route.length_m), (1, 0.0));
+        assert!(route.length_m.is_sign_positive());
     }
 }

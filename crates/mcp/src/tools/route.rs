@@ -25,7 +25,7 @@ const MAX_POINTS: usize = 200;
 pub enum Stop {
     /// A point in the map's coordinates, metres.
     Point([f64; 3]),
-    /// The middle of a room.
+    /// A room: the free place nearest to its middle.
     Room {
         /// Its number, from list_rooms.
         room: u32,
@@ -73,7 +73,7 @@ impl Tool for Route {
             return Err(ToolError(format!("radius_m: found {radius}, expected 0 to {MAX_RADIUS}.")));
         }
         let ((from, from_words, one), (to, to_words, other)) =
-            (assistant.stop(&input.from)?, assistant.stop(&input.to)?);
+            (assistant.stop(&input.from, radius)?, assistant.stop(&input.to, radius)?);
         let destination = other.map_or(Destination::Place(to), Destination::Object);
         let route = assistant.places()?.route(from, destination, radius)?;
         // The sum of nothing would be -0.
@@ -90,13 +90,14 @@ impl Tool for Route {
 }
 
 impl Assistant {
-    /// Place, name and id of where a route begins or ends.
-    fn stop(&mut self, stop: &Stop) -> Result<(DVec3, String, Option<SegmentId>), ToolError> {
+    /// Place, name and id of where the route of a robot of a radius begins or ends.
+    fn stop(&mut self, stop: &Stop, radius: f64) -> Result<(DVec3, String, Option<SegmentId>), ToolError> {
         match stop {
             Stop::Point(point) => Ok((point_box(*point)?.center(), place(*point), None)),
             Stop::Room { room } => {
                 let room = self.room(*room)?;
-                Ok((room.middle, room.called(), None))
+                let place = self.places()?.free_place(&room, radius)?;
+                Ok((place, room.called(), None))
             }
             Stop::Object(object) => {
                 let id = self.meant(object)?;

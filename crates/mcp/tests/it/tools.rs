@@ -9,7 +9,7 @@ use rmcp::model::CallToolResult;
 use serde_json::json;
 use splatseg::pipeline::NamedMap;
 use splatseg_geometry::SegmentId;
-use splatseg_mcp::{Assistant, Destination, Places};
+use splatseg_mcp::{Assistant, Destination, PlaceRoom, Places};
 use splatseg_objects::{FrameStamp, ObjectList};
 use std::fs;
 
@@ -278,6 +278,15 @@ impl Places for OneRoom {
         Some("the kitchen".to_owned())
     }
 
+    fn rooms(&self) -> Vec<PlaceRoom> {
+        let (name, doors, objects) = (Some("the kitchen".to_owned()), Vec::new(), Vec::new());
+        vec![PlaceRoom { id: 1, name, is_derived: false, middle: DVec3::ZERO, area_m2: 9.0, doors, objects }]
+    }
+
+    fn free_place(&self, room: &PlaceRoom, radius: f64) -> Result<DVec3, String> {
+        Ok(room.middle + DVec3::new(2.0, radius, 0.0))
+    }
+
     fn is_free(&self, place: DVec3) -> Option<bool> {
         Some(place.x < 0.0)
     }
@@ -285,6 +294,7 @@ impl Places for OneRoom {
     fn route(&self, from: DVec3, to: Destination, radius: f64) -> Result<Vec<DVec3>, String> {
         match to {
             _ if radius > 1.0 => Err("The robot is too wide.".to_owned()),
+            Destination::Place(to) if from == to => Ok(vec![from]),
             Destination::Place(to) => Ok((0..=1000).map(|step| from.lerp(to, f64::from(step) / 1000.0)).collect()),
             Destination::Object(_) => Ok(vec![from, from + DVec3::X]),
         }
@@ -304,6 +314,15 @@ fn rooms_and_routes_come_from_whoever_knows_them() {
         let points = data["points_m"].as_array().unwrap();
         assert!(points.len() <= 200 && points[0] == json!([0.0, 0.0, 0.0]), "{}", points.len());
         assert_eq!(points[points.len() - 1], json!([3.0, 4.0, 0.0]));
+        // A way of one or two points has each once.
+        let (text, data) = client.ask("route", json!({ "from": [1, 0, 0], "to": [1, 0, 0] })).await;
+        assert!(text.contains(": 0.00 m"), "{text}");
+        assert_eq!((&data["points_m"], data["length_m"].to_string()), (&json!([[1.0, 0.0, 0.0]]), "0.0".to_owned()));
+        let (_, data) = client.ask("route", json!({ "from": [0, 0, 0], "to": "mug" })).await;
+        assert_eq!(data["points_m"], json!([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]));
+        // From the free place of a room, not from its middle.
+        let (_, data) = client.ask("route", json!({ "from": { "room": 1 }, "to": "mug" })).await;
+        assert_eq!(data["points_m"][0], json!([2.0, 0.25, 0.0]));
         let (_, data) = client.ask("route", json!({ "from": [0, 0, 0], "to": "mug" })).await;
         assert_eq!(data["length_m"], 1.0);
         let refused = client.refused("route", json!({ "from": "mug", "to": [0, 0, 0], "radius_m": 2 })).await;
