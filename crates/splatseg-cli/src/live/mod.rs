@@ -14,7 +14,7 @@ use crate::system_limits::{no_thread, use_threads};
 use crate::{Failure, devices};
 use clap::Args;
 use player::{Pace, play};
-use session_options::{SessionOptions, in_range};
+use session_options::{SessionFiles, SessionOptions, in_range};
 use splatseg::Settings;
 use splatseg_dataset::{MatchLimits, RecordingScene};
 use splatseg_live::LiveStream;
@@ -46,7 +46,7 @@ pub struct LiveArguments {
 
 impl LiveArguments {
     /// Checks the numbers and paths.
-    fn check(&self, settings: &Settings) -> Result<(), Failure> {
+    fn check(&self, settings: &Settings) -> Result<SessionFiles, Failure> {
         in_range("--speed", self.speed, 0.01..=100.0)?;
         if !RecordingScene::is_recording(&self.source) {
             let path = self.source.display();
@@ -61,7 +61,7 @@ impl LiveArguments {
 /// Executes `splatseg live`.
 pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failure> {
     let mut settings = arguments.session.settings()?;
-    arguments.check(&settings)?;
+    let _files = arguments.check(&settings)?;
     settings.settle_depth(&arguments.source).map_err(Failure::input)?;
     devices::check(settings.device(), program)?;
     use_threads(settings.run.threads)?;
@@ -80,6 +80,7 @@ pub fn live(arguments: &LiveArguments, program: &[OsString]) -> Result<(), Failu
     let pace = if arguments.every_frame { Pace::EveryFrame } else { Pace::Speed(arguments.speed) };
     let player = play(arguments.source.clone(), Arc::clone(&stream), pace)?;
     let ended = session.run(&mut || signals.received().is_some());
+    session.close_requests();
     stream.end();
     // After a signal the player may still be reading, and is not waited for.
     let played = if signals.received().is_none() { player.join() } else { Ok(Ok(())) };

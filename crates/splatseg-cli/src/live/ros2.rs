@@ -59,7 +59,7 @@ impl Ros2Arguments {
 pub fn ros2(arguments: &Ros2Arguments, program: &[OsString]) -> Result<(), Failure> {
     let mut settings = arguments.session.settings()?;
     settings.settle_depth_of_stream("--depth none").map_err(Failure::input)?;
-    arguments.session.check(&settings, None)?;
+    let _files = arguments.session.check(&settings, None)?;
     let (domain, name) = (arguments.domain()?, NodeName::new(&arguments.namespace, &arguments.name));
     let name = name.map_err(Failure::input)?;
     devices::check(settings.device(), program)?;

@@ -2,7 +2,7 @@
 
 use super::terminal_outlet::TerminalOutlet;
 use crate::Failure;
-use crate::input_paths::InputPaths;
+use crate::input_paths::{InputPaths, real_path};
 use crate::options::SettingsOptions;
 use crate::output_folder::OverwritePolicy;
 use crate::run::{ExtraFile, FileKind};
@@ -48,6 +48,14 @@ pub struct SessionOptions {
     pub options: SettingsOptions,
 }
 
+/// The files that a session writes. Keep them until it ends: folders that were created for them are removed then, if they
+/// are empty.
+#[derive(Debug)]
+pub struct SessionFiles {
+    _map: Option<ExtraFile>,
+    _recording: Option<ExtraFile>,
+}
+
 impl SessionOptions {
     /// The settings, with those of the saved map.
     pub fn settings(&self) -> Result<Settings, Failure> {
@@ -63,7 +71,7 @@ impl SessionOptions {
     }
 
     /// Checks the numbers and paths. `source` is the input, if it is a file.
-    pub fn check(&self, settings: &Settings, source: Option<&Path>) -> Result<(), Failure> {
+    pub fn check(&self, settings: &Settings, source: Option<&Path>) -> Result<SessionFiles, Failure> {
         let (dataset, default) = (&settings.dataset, DatasetSettings::default());
         if (dataset.start, dataset.stride, dataset.max_frames) != (default.start, default.stride, default.max_frames) {
             return Err(Failure::input(
@@ -73,6 +81,7 @@ impl SessionOptions {
         Pipeline::builder(settings).check_depth_predictor().map_err(Failure::input)?;
         in_range("--save-interval", self.save_interval, 0.1..=86_400.0)?;
         in_range("--lag", self.lag, 0.0..=LiveOptions::MAX_LAG.as_secs_f64())?;
+        let mut map_file = None;
         if let Some(map) = &self.map {
             if settings.method.memory().is_none() {
                 let method = settings.method.name().name();
@@ -83,15 +92,30 @@ impl SessionOptions {
                 inputs.add_scene(source);
             }
             inputs.check_output_file(map)?;
-            ExtraFile::prepare(map, FileKind::MAP, OverwritePolicy::Replace)?;
+            self.check_recording(&SavedMap::new(map.clone()))?;
+            map_file = Some(ExtraFile::prepare(map, FileKind::MAP, OverwritePolicy::Replace)?);
         }
-        match &self.record {
+        let recording = match &self.record {
             Some(file) if file.symlink_metadata().is_ok() => {
-                Err(Failure::input(format!("{}: exists: choose another file for --record", file.display())))
+                return Err(Failure::input(format!("{}: exists: choose another file for --record", file.display())));
             }
-            Some(file) => ExtraFile::prepare(file, FileKind::RECORDING, OverwritePolicy::Keep).map(drop),
-            None => Ok(()),
+            Some(file) => Some(ExtraFile::prepare(file, FileKind::RECORDING, OverwritePolicy::Keep)?),
+            None => None,
+        };
+        Ok(SessionFiles { _map: map_file, _recording: recording })
+    }
+
+    /// Checks that the recording is not one of the map's files.
+    fn check_recording(&self, map: &SavedMap) -> Result<(), Failure> {
+        let Some(recording) = &self.record else { return Ok(()) };
+        let real = real_path(recording);
+        for (path, what) in [(map.map(), "the file of --map"), (&map.objects(), "the list of objects beside --map")] {
+            if real_path(path) == real {
+                let path = recording.display();
+                return Err(Failure::input(format!("{path}: is {what}: choose another file for --record")));
+            }
         }
+        Ok(())
     }
 
     /// Starts the recording, if there is to be one.

@@ -69,6 +69,33 @@ fn wrong_input_is_one_line() {
     }
 }
 
+/// Neither file of the map may be lost to the recording.
+#[test]
+fn a_recording_is_no_file_of_the_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let other = folder.path().join("../").join(folder.path().file_name().unwrap()).join("home.ply");
+    for (record, expected) in [
+        (path("home.ply"), "is the file of --map: choose another file for --record"),
+        (other.to_str().unwrap().to_owned(), "is the file of --map: choose another file for --record"),
+        (path("home.objects.json"), "is the list of objects beside --map: choose another file for --record"),
+    ] {
+        let ended = live(&recording(), &["--map", &path("home.ply"), "--record", &record]);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{record}: {}", ended.err);
+        assert!(ended.err.contains(expected), "{record}: {}", ended.err);
+    }
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn a_map_in_a_new_folder_is_saved() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("new/maps/home.ply");
+    let ended = live(&recording(), &["--every-frame", "--map", map.to_str().unwrap()]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    assert!(map.is_file() && map.with_extension("objects.json").is_file());
+}
+
 /// A stream with nothing in it ends soon after SIGTERM.
 #[cfg(unix)]
 #[test]
