@@ -3,7 +3,7 @@
 use crate::{LiveStatus, Requests};
 use splatseg::Pipeline;
 use splatseg::pipeline::FrameResult;
-use splatseg_geometry::{Image as Pixels, Intrinsics, MapView};
+use splatseg_geometry::{Image as Pixels, Intrinsics, MapView, RemappedId};
 use splatseg_objects::ObjectList;
 use splatseg_places::FloorPlan;
 use splatseg_ros::{
@@ -162,6 +162,9 @@ pub trait Outlet: Send {
     /// As [`Self::show_map`], when no more frames come.
     fn show_last_map(&mut self, _map: &MapView<'_>, _version: usize) {}
 
+    /// Objects were merged by hand. Those that a frame shows to be one are in its result.
+    fn merge(&mut self, _merged: &[RemappedId]) {}
+
     /// The map was replaced: nothing that was shown before belongs to the present one.
     fn reset(&mut self) {}
 }
@@ -226,6 +229,10 @@ impl Outlet for Vec<Box<dyn Outlet>> {
 
     fn show_last_map(&mut self, map: &MapView<'_>, version: usize) {
         self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_last_map(map, version));
+    }
+
+    fn merge(&mut self, merged: &[RemappedId]) {
+        self.iter_mut().for_each(|outlet| outlet.merge(merged));
     }
 
     fn reset(&mut self) {

@@ -2,7 +2,7 @@
 
 use crate::{LiveFrame, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, Requests};
 use splatseg::segmenter::Detail;
-use splatseg_geometry::{Image as Pixels, MapView, SegmentId};
+use splatseg_geometry::{Image as Pixels, MapView, RemappedId, SegmentId};
 use splatseg_objects::ObjectList;
 use splatseg_odometry::PoseState;
 use splatseg_places::FloorPlan;
@@ -133,6 +133,10 @@ impl Outlet for ViewOutlet {
         if self.shown_map != Some(version) && self.server.publish_last_map(map) {
             self.shown_map = Some(version);
         }
+    }
+
+    fn merge(&mut self, merged: &[RemappedId]) {
+        self.seen.remap(merged);
     }
 
     fn reset(&mut self) {

@@ -5,7 +5,7 @@ use splatseg::segmenter::Detail;
 use splatseg::settings::SettingsLayers;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::{DatasetSettings, MatchLimits, read_messages};
-use splatseg_geometry::MapView;
+use splatseg_geometry::{MapView, RemappedId};
 use splatseg_live::{
     BuildPipeline, LiveFrame, LiveOptions, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, SavedMap,
 };
@@ -292,6 +292,8 @@ enum Shown {
     Objects(Vec<u32>, usize),
     Map(usize),
     LastMap(usize),
+    /// Ids, each with the one that it was merged into.
+    Merged(Vec<(u32, u32)>),
     Reset,
 }
 
@@ -337,6 +339,10 @@ impl Outlet for Watcher {
         Watcher::show(self, Shown::LastMap(version));
     }
 
+    fn merge(&mut self, merged: &[RemappedId]) {
+        Watcher::show(self, Shown::Merged(merged.iter().map(|ids| (ids.from, ids.into)).collect()));
+    }
+
     fn reset(&mut self) {
         Watcher::show(self, Shown::Reset);
     }
@@ -375,6 +381,13 @@ fn the_page_gets_objects_and_map_of_the_end_without_a_frame_and_learns_of_a_rese
     let [objects, Shown::LastMap(last)] = &shown[shown.len() - 2..] else { panic!("{shown:?}") };
     assert_eq!(objects, &Shown::Objects(ids.clone(), 4), "the last list is that of the end");
     assert!(shown.iter().all(|shown| !matches!(shown, Shown::Map(version) if version >= last)), "{shown:?}");
+
+    // The page learns of merges by hand, too.
+    let list = setting.session.objects().objects;
+    let in_map: Vec<u32> = list.iter().filter(|object| object.shape.is_some()).map(|object| object.id).collect();
+    let (into, from) = (in_map[0].min(in_map[1]), in_map[0].max(in_map[1]));
+    setting.session.merge_objects(&[from, into]).unwrap();
+    assert_eq!(watcher.shown.lock().unwrap()[0], Shown::Merged(vec![(from, into)]));
 
     // A loaded map is shown before the first frame.
     let (mut setting, watcher) = watched(without_drops(), LiveOptions::default(), Some(saved.map()));
