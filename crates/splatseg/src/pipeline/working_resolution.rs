@@ -171,7 +171,7 @@ mod tests {
     fn affinities_stay_unless_their_grid_is_finer_than_the_reduced_pixels() {
         let affinities = |step: u32| {
             let places = |size: u32| (0..size.div_ceil(step)).map(|place| place * step).collect();
-            Affinities { columns: places(1280), rows: places(960), planes: Vec::new().into() }
+            Affinities { columns: places(1280), rows: places(960), planes: Vec::new() }
         };
         let reduced = |step| reduced_affinities(affinities(step), (1280, 960), (320, 240));
         assert_eq!(reduced(2), None, "two places in one pixel");
