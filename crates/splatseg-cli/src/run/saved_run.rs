@@ -1,9 +1,10 @@
 //! The saved state of a run, for `--resume`.
 //!
 //! `.splatseg-resume/` in the folder of results contains the memory after some frame, `frames.jsonl` with a line for each
-//! frame so far, a similar file and a state file for each output, `shown.jsonl` with what each frame showed (for the final pass), the state of the source of poses
-//! (`camera-120.safetensors`, see [`StateBlock`](splatseg_files::StateBlock)), and `state.json`. `state.json` is replaced last and
-//! determines the files that belong to the state. The frames' images are in the folder of results. Lines are only
+//! frame so far, a similar file and a state file for each output, `shown.jsonl` with what each frame showed (for the final
+//! pass), the state of the source of poses (`camera-120.safetensors`, see [`StateBlock`](splatseg_files::StateBlock)), and
+//! `state.json`. `state.json` is replaced last and determines the files that belong to the state. Until there is one,
+//! `begun.json` has what the run needs to start anew. The frames' images are in the folder of results. Lines are only
 //! appended, so that the time of a save does not grow with the run. Lines after the saved state are dropped on resuming.
 //!
 //! Before `state.json` is replaced, all these files are on the disk. So a power cut loses no more than a kill.

@@ -1,8 +1,8 @@
 //! Results of the frames of a run when they were processed, for the final pass: a line of text for each frame, in a file
 //! that is removed with the run's other temporary files.
 //!
-//! The final pass replaces the id images one after the other. If it is stopped and starts again, it still needs what was
-//! shown before, and it needs the regions of the segmenter, which are in no result.
+//! The final pass also needs the regions of the segmenter, which are in no result. If a power cut ends it while it replaces
+//! the id images, and it starts again, it needs what they showed before.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
