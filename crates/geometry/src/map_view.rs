@@ -83,6 +83,11 @@ pub trait MapSegments: Sync {
     /// Returns true if an id was carried after the last frame; see [`Self::carried_ids`].
     fn is_carried(&self, id: SegmentId) -> bool;
 
+    /// Returns those of some ids that are carried, in their order; see [`Self::carried_ids`].
+    fn carried_of(&self, ids: Vec<SegmentId>) -> Vec<SegmentId> {
+        ids.into_iter().filter(|id| self.is_carried(*id)).collect()
+    }
+
     /// Returns the ids that a Gaussian shows, or that the previous frame holds for the next one. All other ids that were
     /// given out are forgotten.
     fn carried_ids(&self) -> BTreeSet<SegmentId>;

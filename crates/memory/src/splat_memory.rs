@@ -731,6 +731,17 @@ impl MapSegments for SplatMemory {
         }
     }
 
+    fn carried_of(&self, mut ids: Vec<SegmentId>) -> Vec<SegmentId> {
+        if self.patches.is_decided() {
+            // Once for all of them: it takes a time proportional to the map.
+            let carried = self.carried_ids();
+            ids.retain(|id| carried.contains(id));
+        } else {
+            ids.retain(|id| self.is_carried(*id));
+        }
+        ids
+    }
+
     fn carried_ids(&self) -> BTreeSet<SegmentId> {
         let mut carried = distinct(&self.segment_ids());
         carried.extend(self.recent.held_ids());

@@ -60,8 +60,7 @@ impl Pipeline {
         mut namer: impl FnMut(ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>>,
     ) -> Result<usize, NameObjectsError> {
         let views = self.names.views.as_ref().ok_or(NameObjectsError::NoViews)?;
-        let is_carried = |id: &SegmentId| self.map().is_none_or(|map| map.is_carried(*id));
-        let to_name: BTreeSet<SegmentId> = views.to_name(&self.names.names).filter(is_carried).collect();
+        let to_name: BTreeSet<SegmentId> = self.to_name(views).into_iter().collect();
         // The list of objects takes milliseconds, and mostly there is nothing to name.
         if to_name.is_empty() {
             return Ok(0);
@@ -174,9 +173,16 @@ impl Pipeline {
     /// Of the objects that need a name, the one seen last.
     fn next_to_name(&self) -> Option<SegmentId> {
         let views = self.names.views.as_ref()?;
-        let is_carried = |id: &SegmentId| self.map().is_none_or(|map| map.is_carried(*id));
-        let to_name = views.to_name(&self.names.names).filter(is_carried);
-        to_name.max_by_key(|id| (views.last_frame(*id), Reverse(*id)))
+        self.to_name(views).into_iter().max_by_key(|id| (views.last_frame(*id), Reverse(*id)))
+    }
+
+    /// The objects of the map that need a name.
+    fn to_name(&self, views: &KeptViews) -> Vec<SegmentId> {
+        let ids: Vec<SegmentId> = views.to_name(&self.names.names).collect();
+        match self.map() {
+            Some(map) if !ids.is_empty() => map.segments.carried_of(ids),
+            _ => ids,
+        }
     }
 
     fn naming_job(&self, id: SegmentId) -> Option<Job> {
