@@ -147,8 +147,16 @@ def test_a_run_has_the_settings_of_its_segmenter_and_the_keywords(tmp_path):
 def test_ctrl_c_ends_a_run_and_keeps_what_is_done(tmp_path):
     out = tmp_path / "out"
     scene = ROOM.replace("frames=8", "frames=4000")
-    program = [sys.executable, "-c", f"import splatseg as ss; ss.run({scene!r}, {str(out)!r}, segmenter='graph')"]
-    process = subprocess.Popen(program, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    # A shell makes background processes ignore SIGINT, and their children inherit it.
+    program = f"""
+import signal
+import splatseg as ss
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+ss.run({scene!r}, {str(out)!r}, segmenter="graph")
+"""
+    arguments = [sys.executable, "-c", program]
+    process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, start_new_session=True)
     deadline = time.monotonic() + 30
     while not (out / "segments/frame-000002.png").exists():
         assert time.monotonic() < deadline
