@@ -31,8 +31,6 @@ const SILENCE_MS = 6000;
 const PICTURE_MS = 1000;
 /** The server's code for a session that has ended. */
 const ENDED = 1000;
-/** Cosine of the largest angle between two directions that are the same. */
-const SAME_UP = 0.99;
 /** Said of a request while there is no connection. */
 const NOT_SENT = "not sent: there is no connection";
 /** Colour of objects that are in a frame, but not in the list yet. */
@@ -43,8 +41,6 @@ class LivePage {
   #status = new LiveStatus();
   #map = null;
   #plan = null;
-  /** False if the map was drawn before a camera was known. */
-  #isUpKnown = false;
   #controls;
   #selected = 0;
   #url = null;
@@ -274,17 +270,10 @@ class LivePage {
     this.#run.map = map;
     this.#run.origin = origin;
     if (map.count === 0) return;
-    const hasCamera = Boolean(this.#run.cameraOf());
     if (this.#map) {
-      // A loaded map came before the first camera, which tells where up is: another up needs another view.
-      if (hasCamera && !this.#isUpKnown && up.reduce((sum, part, axis) => sum + part * this.#run.up[axis], 0) < SAME_UP) {
-        return location.reload();
-      }
-      this.#isUpKnown ||= hasCamera;
       this.#map.replaceMap(map);
     } else {
       this.#run.up = up;
-      this.#isUpKnown = hasCamera;
       this.#createMap();
     }
     byElementId("facts").textContent = `${counted(map.total, "Gaussian")} · splatseg ${this.#run.version}`;
