@@ -339,7 +339,7 @@ impl SplatMemory {
     pub fn keep_verdicts(&mut self) {
         self.store.count_verdicts(&self.patches.verdicts());
         self.patches.forget_verdicts();
-        // No frame is told of ids that are forgotten now: they are in the results of frames, and in no object.
+        // Ids that are forgotten now are not reported: no frame has just lost them.
         self.release_ids(false);
     }
 

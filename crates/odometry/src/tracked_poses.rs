@@ -145,7 +145,7 @@ impl TrackedPoses {
     /// Makes tracking go on from the latest frame with a given pose.
     pub(crate) fn start_bridge(&mut self) {
         if let Some((frame, pose)) = self.bridge_from.take() {
-            // That frame is no keyframe of the map, so it must not have the number of one.
+            // That frame is not a keyframe of the map, so it needs a number that no keyframe has.
             self.odometry.next_keyframe = self.odometry.next_keyframe.max(self.map.store.next);
             self.odometry.set(&frame, &pose);
             self.odometry.made = None;

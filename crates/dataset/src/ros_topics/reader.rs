@@ -335,7 +335,7 @@ type Undistort<T> = fn(&Undistortion, &Image<T>, &Path) -> Result<Image<T>, Data
 /// Functions for reading images of one kind.
 struct ImageDecoder<T: Clone + 'static> {
     what: &'static str,
-    /// What to do if the camera info is that of other images.
+    /// The remedy if the camera info belongs to other images.
     remedy: &'static str,
     raw: fn(&RawImage<'_>, Option<DepthScale>, &Path) -> Decoded<T>,
     compressed: fn(&CompressedImage<'_>, Option<DepthScale>, &Path) -> Decoded<T>,

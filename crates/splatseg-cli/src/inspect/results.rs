@@ -67,7 +67,7 @@ pub fn print(arguments: &InspectArguments, run: &RunSummary) -> Result<(), Failu
     Ok(())
 }
 
-/// Why a scene cannot be opened: a folder of results is no scene, but names one.
+/// Why a scene cannot be opened: a folder of results is not a scene, but names one.
 pub fn not_opened(path: &Path, error: DatasetError) -> Failure {
     match (&error, RunSummary::of(path)) {
         (DatasetError::NotRecognised { .. }, Ok(Some(run))) => Failure::input(format!(
