@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -26,3 +27,11 @@ def step(pipeline, frame, **more):
 def command(*arguments):
     """Runs the command of the package."""
     return subprocess.run([sys.executable, "-m", "splatseg", *arguments], check=False, capture_output=True, text=True)
+
+
+def wait_for(path):
+    """Waits until a file exists."""
+    deadline = time.monotonic() + 30
+    while not path.exists():
+        assert time.monotonic() < deadline, f"{path} does not appear"
+        time.sleep(0.01)

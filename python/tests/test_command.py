@@ -3,11 +3,10 @@
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 import splatseg as ss
-from conftest import ROOM, command
+from conftest import ROOM, command, wait_for
 
 
 def test_it_is_the_command():
@@ -24,10 +23,7 @@ def test_ctrl_c_keeps_what_is_done(tmp_path):
     out = tmp_path / "out"
     program = [sys.executable, "-m", "splatseg", "run", ROOM.replace("frames=8", "frames=4000"), "--out", str(out)]
     process = subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 30
-    while not (out / "segments/frame-000002.png").exists():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_for(out / "segments/frame-000002.png")
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=30)
     assert process.returncode == 130 and "interrupted by SIGINT" in errors, errors

@@ -6,13 +6,12 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 import warnings
 
 import numpy as np
 import pytest
 import splatseg as ss
-from conftest import ROOM, ROOT, command, step
+from conftest import ROOM, ROOT, command, step, wait_for
 
 
 def test_a_pipeline_runs_over_a_scene(room):
@@ -157,10 +156,7 @@ ss.run({scene!r}, {str(out)!r}, segmenter="graph")
 """
     arguments = [sys.executable, "-c", program]
     process = subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    deadline = time.monotonic() + 30
-    while not (out / "segments/frame-000002.png").exists():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_for(out / "segments/frame-000002.png")
     # As a terminal does: to all processes of the group.
     os.killpg(process.pid, signal.SIGINT)
     _, errors = process.communicate(timeout=30)
@@ -184,10 +180,7 @@ signal.signal(signal.SIGINT, fail)
 ss.run({scene!r}, {str(out)!r}, segmenter="graph")
 """
     process = subprocess.Popen([sys.executable, "-c", program], stderr=subprocess.PIPE, text=True)
-    deadline = time.monotonic() + 30
-    while not (out / "segments/frame-000002.png").exists():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_for(out / "segments/frame-000002.png")
     # As a notebook or a supervisor does: to this process alone.
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=30)
