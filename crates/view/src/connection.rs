@@ -32,8 +32,9 @@ const MAX_ENDING_STRANGERS: usize = 2 * MAX_STRANGERS;
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(20);
 /// A viewer is looked after at least this often.
 const ATTEND_INTERVAL: Duration = Duration::from_millis(20);
-/// Time to send a viewer what waits for it when the server stops.
-const FAREWELL_TIME: Duration = Duration::from_millis(500);
+/// Time to send a viewer what waits for it when the server stops, and for the viewer to leave. A browser on a busy
+/// computer needs seconds for a large map.
+const FAREWELL_TIME: Duration = Duration::from_secs(5);
 /// Maximum size of a viewer's message, bytes. Subscriptions are the longest.
 const MAX_MESSAGE: usize = 64 << 10;
 /// Messages of a viewer that are read before it is sent something again.
@@ -334,15 +335,20 @@ fn attend(
             return Err(io::Error::from(io::ErrorKind::TimedOut).into());
         }
     }
-    // A farewell, by which the viewer knows that nothing was lost; the connection ends anyway.
+    say_farewell(socket, viewer)
+}
+
+/// Sends what waits for a viewer and a farewell, by which it knows that nothing was lost. Then what it still sends is read
+/// until it leaves: the system throws away what is on its way to a viewer if the connection is closed with unread bytes.
+/// The connection ends anyway.
+fn say_farewell(socket: &mut WebSocket<TimedStream>, viewer: &mut dyn Viewer) -> Result<(), tungstenite::Error> {
     socket.get_mut().allow(FAREWELL_TIME);
     while let Some(message) = viewer.remaining() {
-        if socket.send(message).is_err() {
-            break;
-        }
+        socket.send(message)?;
     }
-    let _ = socket.close(Some(CloseFrame { code: CloseCode::Normal, reason: "the session has ended".into() }));
-    let _ = socket.flush();
+    socket.close(Some(CloseFrame { code: CloseCode::Normal, reason: "the session has ended".into() }))?;
+    socket.flush()?;
+    while socket.read().is_ok() {}
     Ok(())
 }
 

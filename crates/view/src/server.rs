@@ -15,10 +15,10 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-/// Time for viewers to be told that the server stops, and to leave.
-const FAREWELL_TIME: Duration = Duration::from_millis(700);
+/// Time for viewers to be told that the server stops, and to leave: more than a connection waits for its viewer.
+const FAREWELL_TIME: Duration = Duration::from_millis(5200);
 /// The last results, which may include a large map, must be encoded in this time.
-const FINISH_TIME: Duration = Duration::from_secs(1);
+const FINISH_TIME: Duration = Duration::from_secs(2);
 const END_TIME: Duration = Duration::from_millis(500);
 
 /// A server for viewers of a run. It stops when dropped.

@@ -310,6 +310,23 @@ fn the_end_of_the_session_is_told() {
 }
 
 #[test]
+fn the_end_is_told_to_a_viewer_that_reads_slowly_and_goes_on_sending() {
+    let server = start(ViewLimits::default());
+    let mut page = watched(&server);
+    // More than the system takes in for a viewer that does not read.
+    let objects = (1..20_000).map(|id| object(id, "an object with a label of some length")).collect();
+    server.publish_objects(objects, 1);
+    for _ in 0..2000 {
+        assert!(page.send(TEXT, b"shown"));
+    }
+    let ending = std::thread::spawn(move || drop(server));
+    std::thread::sleep(Duration::from_millis(300));
+    let farewell = std::iter::from_fn(|| page.receive()).find(|(kind, _)| *kind == CLOSE);
+    assert_eq!(farewell.map(|(_, payload)| payload[..2].to_owned()), Some(1000_u16.to_be_bytes().to_vec()));
+    ending.join().unwrap();
+}
+
+#[test]
 fn viewers_find_and_name_objects_and_choose_the_detail_if_the_program_answers() {
     let server = start(ViewLimits::default());
     let mut deaf = watched(&server);
