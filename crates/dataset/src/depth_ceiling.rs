@@ -52,8 +52,8 @@ impl DepthCeiling {
         }
         *self = Self { is_done: true, ..Self::default() };
         Some(format!(
-            "{:.0} % of the pixels have exactly the largest depth, {farthest} m, as in the frames before: if it means that \
-             nothing was measured, store 0 instead, because it is taken for a surface",
+            "{:.0} % of the pixels have exactly the largest depth, {farthest} m, as in the frames before: it is taken for a \
+             surface; if it means that nothing was measured, use --max-depth-m {farthest}",
             100.0 * share
         ))
     }

@@ -26,7 +26,7 @@ pub(crate) struct FrameChecks {
 
 impl FrameChecks {
     pub(crate) fn new(framing: Framing) -> Self {
-        let (depth_unit, plausibility) = (DepthUnitCheck::default(), Plausibility::default());
+        let (depth_unit, plausibility) = (DepthUnitCheck::default(), Plausibility::new(framing.max_depth));
         Self { framing, original_size: None, original_intrinsics: None, depth_unit, plausibility }
     }
 

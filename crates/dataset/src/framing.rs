@@ -1,4 +1,4 @@
-//! Resizing and cropping of frames and labels.
+//! What of frames and labels is used: near depth, resized and cropped.
 
 use crate::DatasetError;
 use crate::resample::{ImageMap, resample_color, resample_depth, resample_labels};
@@ -12,9 +12,11 @@ use thiserror::Error;
 /// The largest width or height, in pixels, that frames can be resized to.
 const MAX_SIDE: usize = 4096;
 
-/// Framing of images: resize first, then crop. Intrinsics are adjusted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// Framing of images: far depth is removed, then they are resized, then cropped. Intrinsics are adjusted.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Framing {
+    /// Depth from here on is missing, metres; none if left out.
+    pub max_depth: Option<f32>,
     /// Size to resize to, if any.
     pub resize: Option<ImageSize>,
     /// Without `resize`: images of more pixels than this are downscaled, keeping the aspect ratio.
@@ -62,7 +64,7 @@ impl Framing {
         Some(self.resized(original)).filter(|size| *size != original)
     }
 
-    /// Resizes and crops a frame. Colour is low-pass filtered when it shrinks. Each depth pixel becomes the nearest
+    /// Removes the far depth of a frame, resizes and crops it. Colour is low-pass filtered when it shrinks. Each depth pixel becomes the nearest
     /// valid measurement under it, never a mixture.
     ///
     /// # Errors
@@ -70,6 +72,10 @@ impl Framing {
     pub fn apply<'a>(&self, frame: CameraFrame<'a>) -> Result<CameraFrame<'a>, DatasetError> {
         let original = (frame.width(), frame.height());
         self.check(original)?;
+        let frame = match self.max_depth {
+            Some(limit) => frame.without_depth_from(limit),
+            None => frame,
+        };
         let mut intrinsics = *frame.intrinsics();
         let resize = self.other_size(original);
         if resize.is_none() && self.crop_border == 0 {

@@ -70,10 +70,15 @@ pub(crate) struct Plausibility {
     last: Option<(String, DVec3)>,
     warned_of_steps: bool,
     warned_of_depth: bool,
-    ceiling: DepthCeiling,
+    ceiling: Option<DepthCeiling>,
 }
 
 impl Plausibility {
+    /// Checks of frames whose depth is used up to `max_depth`, metres. Where it ends has been considered then.
+    pub(crate) fn new(max_depth: Option<f32>) -> Self {
+        Self { ceiling: max_depth.is_none().then(DepthCeiling::default), ..Self::default() }
+    }
+
     /// Checks of frames that have no depth.
     pub(crate) fn without_depth() -> Self {
         Self { warned_of_depth: true, ..Self::default() }
@@ -111,7 +116,8 @@ impl Plausibility {
             let text = "no pixel has depth: objects cannot be placed in the map from such frames".to_owned();
             warnings.push((FramePart::Depth, text));
         }
-        warnings.extend(self.ceiling.check(frame.depth()).map(|text| (FramePart::Depth, text)));
+        let ceiling = self.ceiling.as_mut().and_then(|ceiling| ceiling.check(frame.depth()));
+        warnings.extend(ceiling.map(|text| (FramePart::Depth, text)));
         let Some(position) = position else { return warnings };
         let last = self.last.replace((frame.name().to_owned(), position));
         if let (Some((last_name, last_position)), Some(mean_depth), false) = (last, mean_depth, self.warned_of_steps) {

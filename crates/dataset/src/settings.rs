@@ -38,6 +38,9 @@ settings! {
         /// recording or its format: millimetres, if nothing else is known. Depth stored as numbers with a fraction is in
         /// metres, and is divided by this value, too.
         depth_scale: Option<f64> = None, DatasetSettings::DEPTH_SCALES;
+        /// Depth from here on is missing, metres: where a renderer or driver writes its far plane instead of 0, or a sensor
+        /// measures only noise.
+        max_depth_m: Option<f64> = None, Allowed::above_up_to(0.0, 1e5);
         /// Register depth to colour. `true`, for 7-Scenes as published: warp the depth from its own camera into the colour
         /// camera, and convert the poses, which are those of the depth camera. `true`, for recordings: undistort each image by
         /// its own camera info, and warp depth from its frame and camera into those of colour. `false`: the pixels of depth
@@ -136,9 +139,10 @@ impl DatasetSettings {
         PoseFormat { w_first, scale: self.pose_scale, is_inverse, axes }
     }
 
-    /// Returns how every frame is resized and cropped.
+    /// Returns what of every frame is used.
     pub fn framing(&self) -> Framing {
-        Framing { resize: self.resize, max_pixels: Some(self.max_pixels), crop_border: self.crop_border }
+        let max_depth = self.max_depth_m.map(|metres| metres as f32);
+        Framing { max_depth, resize: self.resize, max_pixels: Some(self.max_pixels), crop_border: self.crop_border }
     }
 }
 

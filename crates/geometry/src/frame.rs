@@ -136,7 +136,7 @@ impl<'a> CameraFrame<'a> {
             });
         }
         intrinsics.validated()?;
-        remove_unusable(&mut depth);
+        remove_from(&mut depth, f32::INFINITY);
         Ok(Self { name: name.into(), timestamp: None, color, depth, predicted: None, intrinsics })
     }
 
@@ -152,8 +152,16 @@ impl<'a> CameraFrame<'a> {
         if let Some(size) = [depth.size(), predicted.size()].into_iter().find(|size| *size != self.color.size()) {
             return Err(FrameError::SizesDiffer { color: self.color.size(), depth: size });
         }
-        remove_unusable(&mut depth);
+        remove_from(&mut depth, f32::INFINITY);
         Ok(Self { depth, predicted: Some(predicted), ..self })
+    }
+
+    /// Removes depth of `limit` metres or more, a positive number: it becomes 0 ("missing"). Borrowed depth is copied only
+    /// if it has some.
+    #[must_use]
+    pub fn without_depth_from(mut self, limit: f32) -> Self {
+        remove_from(&mut self.depth, limit);
+        self
     }
 
     /// Sets or removes the timestamp; see [`CameraFrame::timestamp`].
@@ -259,13 +267,13 @@ impl<'a> CameraFrame<'a> {
     }
 }
 
-/// Replaces values that are no depth by 0.
-fn remove_unusable(depth: &mut CowImage<'_, f32>) {
-    // Positive and finite, by the bits: vector code for the many images in which all values are.
-    let is_measured_or_zero = |value: &f32| value.to_bits() < f32::INFINITY.to_bits();
+/// Replaces depth from `limit` on, which is positive, and values that are no depth by 0.
+fn remove_from(depth: &mut CowImage<'_, f32>, limit: f32) {
+    // By the bits, of which negative and infinite values and NaN have larger ones: vector code for the many images in which
+    // all values stay.
     let largest = depth.pixels().iter().map(|value| value.to_bits()).fold(0, u32::max);
-    if largest >= f32::INFINITY.to_bits() {
-        for value in depth.pixels_mut().iter_mut().filter(|value| !is_measured_or_zero(value)) {
+    if largest >= limit.to_bits() {
+        for value in depth.pixels_mut().iter_mut().filter(|value| value.to_bits() >= limit.to_bits()) {
             *value = 0.0;
         }
     }
@@ -278,6 +286,14 @@ mod tests {
     use glam::Vec2;
 
     const CAMERA: Intrinsics = Intrinsics { fx: 2.0, fy: 2.0, cx: 0.5, cy: 0.5, width: 2, height: 2 };
+
+    #[test]
+    fn depth_from_a_limit_on_is_missing() {
+        let depth = Image::from_pixels(2, 2, vec![0.0, 1.5, 4.0, 9.0]).unwrap();
+        let frame = CameraFrame::new("0", Image::filled(2, 2, [0; 3]), depth, CAMERA).unwrap();
+        assert_eq!(frame.as_borrowed().without_depth_from(4.0).depth().pixels(), [0.0, 1.5, 0.0, 0.0]);
+        assert_eq!(frame.depth().pixels(), [0.0, 1.5, 4.0, 9.0], "what is borrowed stays");
+    }
 
     #[test]
     fn unusable_depth_is_missing() {

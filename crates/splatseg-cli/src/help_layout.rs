@@ -33,6 +33,7 @@ const GROUPS: [(&str, &[&str]); 6] = [
             "cx",
             "cy",
             "depth_scale",
+            "max_depth_m",
             "pose_convention",
             "quaternion_order",
             "pose_scale",

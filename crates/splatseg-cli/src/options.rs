@@ -58,6 +58,8 @@ pub struct CameraOptions {
     pub cy: Option<String>,
     #[arg(long, value_name = "UNITS")]
     pub depth_scale: Option<String>,
+    #[arg(long, value_name = "METRES")]
+    pub max_depth_m: Option<String>,
 }
 
 impl CameraOptions {
@@ -69,6 +71,7 @@ impl CameraOptions {
             ("dataset.cx", self.cx.as_ref()),
             ("dataset.cy", self.cy.as_ref()),
             ("dataset.depth_scale", self.depth_scale.as_ref()),
+            ("dataset.max_depth_m", self.max_depth_m.as_ref()),
         ];
         add_given(layers, options)
     }

@@ -7,7 +7,7 @@ use splatseg_dataset::{
     DatasetError, DatasetSettings, FrameSource, FrameStream, Framing, GroundTruth, ImageSize, MAX_FRAMES_IN_MEMORY,
     RecordedFrame, Scene, open_scene,
 };
-use splatseg_geometry::{RunLengths, SegmentMap};
+use splatseg_geometry::{CameraFrame, Image, Intrinsics, RunLengths, SegmentMap};
 use std::fs;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -256,6 +256,20 @@ fn a_camera_off_the_earth_is_an_error_of_its_frame() {
     );
 }
 
+#[test]
+fn far_depth_is_removed_before_frames_are_resized() {
+    let camera = Intrinsics { fx: 8.0, fy: 8.0, cx: 3.5, cy: 2.5, width: 8, height: 6 };
+    let near = |column: usize, row: usize| 1.0 + (column / 2 + row / 2) as f32 * 0.1;
+    let depth = Image::from_fn(8, 6, |column, row| if (column + row) % 2 == 0 { near(column, row) } else { 4.0 });
+    let frame = CameraFrame::new("0", Image::filled(8, 6, [9; 3]), depth, camera).unwrap();
+    let settings = DatasetSettings::default().with(|settings| {
+        settings.max_depth_m = Some(4.0);
+        settings.resize = "4x3".parse().ok();
+    });
+    let framed = settings.framing().apply(frame).unwrap();
+    assert_eq!(*framed.depth(), Image::from_fn(4, 3, |column, row| near(2 * column, 2 * row)));
+}
+
 proptest! {
     #[test]
     fn masks_and_labels_take_the_same_pixels(
@@ -264,7 +278,7 @@ proptest! {
     ) {
         let id = |column: usize, row: usize| (salt >> ((3 * column + 7 * row) % 31)) & 1;
         let labels = SegmentMap::from_fn(width, height, id);
-        let framing = Framing { resize: Some(ImageSize { width: to_width, height: to_height }), crop_border, max_pixels: None };
+        let framing = Framing { resize: Some(ImageSize { width: to_width, height: to_height }), crop_border, ..Framing::default() };
         let framed = framing.apply_to_labels(labels.clone()).unwrap();
         let mask = RunLengths::encode(&labels.mask_of(1));
         let (columns, rows) = framing.source_pixels((width, height)).unwrap();

@@ -64,7 +64,7 @@ fn sequences_are_read_back() {
         assert_same(&read, written, &Tolerance { depth: 0.000_11, color: 0.0 });
         let seconds = START + SPACING * index as f64;
         assert!((read.timestamp().unwrap().as_secs_f64() - seconds).abs() < 1e-6, "{:?}", read.timestamp());
-        let half = Framing { resize: Some("32x24".parse().unwrap()), crop_border: 1, max_pixels: None };
+        let half = Framing { resize: Some("32x24".parse().unwrap()), crop_border: 1, ..Framing::default() };
         assert_eq!(half.apply(read.clone().into_camera_frame()).unwrap().timestamp(), read.timestamp());
         // 525 for 640 pixels; these images have 64.
         assert_eq!((read.intrinsics().fx, read.intrinsics().fy), (52.5, 52.5));
