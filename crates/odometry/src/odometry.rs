@@ -76,7 +76,8 @@ impl Odometry {
         Self::default()
     }
 
-    /// Tracks the next frame. `initial` is the pose of the first frame.
+    /// Tracks the next frame. `initial` is the pose of the first frame. Size and intrinsics may differ from those of the
+    /// frames before.
     ///
     /// `motion` is a measured motion since the previous frame, e.g. by a robot's wheels: the previous camera from this
     /// one. Without it, the camera is expected to move on as before.
@@ -93,8 +94,8 @@ impl Odometry {
     ) -> CameraPose {
         let TrackedFrame { grey, pyramid, timestamp, .. } = frame;
         (self.made, self.awaits_segments) = (None, false);
-        let has_size = self.keyframes.back().is_some_and(|keyframe| keyframe.frame.intrinsics == grey.intrinsics);
-        let (Some(last), true) = (self.last, has_size) else {
+        // Keyframes may be of another camera: autofocus changes the focal length with every frame.
+        let Some(last) = self.last.filter(|_| !self.keyframes.is_empty()) else {
             return self.start(grey, pyramid, initial, *timestamp);
         };
         let prior = last.prior(*timestamp, motion);
