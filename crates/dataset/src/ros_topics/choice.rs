@@ -11,6 +11,10 @@ use crate::plausibility::warn_once;
 use crate::{DatasetError, DatasetSettings, DepthRegistration};
 use std::path::Path;
 
+/// Images, and their camera, that this project itself writes and publishes below its name: results, which are never taken
+/// for a camera's unless they are named.
+const RESULTS: [&str; 4] = ["overlay", "segments", "ids", "camera_info"];
+const RESULTS_FOLDER: &str = "splatseg";
 /// Suffixes of compressed versions of an image topic.
 const TRANSPORTS: [&str; 2] = ["/compressedDepth", "/compressed"];
 /// Remedies if colour or depth has no camera info.
@@ -120,6 +124,11 @@ impl<'a> Chooser<'a> {
         })
     }
 
+    /// Returns the image topics that may be those of a camera.
+    fn camera_images(&self) -> impl Iterator<Item = (&'a Topic, &'a Images)> {
+        self.images().filter(|(topic, _)| !is_result(&topic.name))
+    }
+
     fn image_named(&self, key: &str, name: &str) -> Result<(&'a Topic, &'a Images), DatasetError> {
         let found =
             self.contents.find(name).and_then(|topic| self.images().find(|(other, _)| std::ptr::eq(*other, topic)));
@@ -137,8 +146,9 @@ impl<'a> Chooser<'a> {
         if let Some(name) = &self.settings.color {
             return self.image_named("color", name);
         }
-        let of_kind =
-            |wanted: ImageKind| without_transports(self.images().filter(|(_, images)| images.kind == Some(wanted)));
+        let of_kind = |wanted: ImageKind| {
+            without_transports(self.camera_images().filter(|(_, images)| images.kind == Some(wanted)))
+        };
         let mut candidates = of_kind(ImageKind::Color);
         if candidates.is_empty() {
             candidates = of_kind(ImageKind::Grey);
@@ -161,7 +171,7 @@ impl<'a> Chooser<'a> {
             return Ok((topic, images));
         }
         let mut candidates =
-            without_transports(self.images().filter(|(_, images)| images.kind == Some(ImageKind::Depth)));
+            without_transports(self.camera_images().filter(|(_, images)| images.kind == Some(ImageKind::Depth)));
         let is_registered = |(_, images): &(&Topic, &Images)| images.frame == color.frame && !images.frame.is_empty();
         // If the driver also provides registered depth, it is better than registering it later.
         if candidates.len() > 1 && candidates.iter().filter(|candidate| is_registered(candidate)).count() == 1 {
@@ -218,7 +228,10 @@ impl<'a> Chooser<'a> {
                 .map(|topic| format!("{} ({}, {})", topic.name, topic.type_name, topic.encoding));
             found = types.collect();
         }
-        let expected = format!("a topic of sensor_msgs/msg/Image or CompressedImage (ROS 2, cdr) with {encodings}");
+        let mut expected = format!("a topic of sensor_msgs/msg/Image or CompressedImage (ROS 2, cdr) with {encodings}");
+        if self.images().any(|(topic, _)| is_result(&topic.name)) {
+            expected += "; overlay and ids are results of splatseg, not images of a camera";
+        }
         let found = if found.is_empty() { "no topic".to_owned() } else { format!("none, but {}", listed(found)) };
         self.error(what, found, expected)
     }
@@ -252,8 +265,9 @@ impl<'a> Chooser<'a> {
         if let Some(topic) = beside.filter(|topic| is_usable(topic)) {
             return Ok(Some(topic));
         }
-        let same_frame: Vec<_> =
-            self.infos().filter(|(topic, frame)| *frame == images.frame && is_usable(topic)).collect();
+        let may_be =
+            |(topic, frame): &(&Topic, &str)| *frame == images.frame && !is_result(&topic.name) && is_usable(topic);
+        let same_frame: Vec<_> = self.infos().filter(may_be).collect();
         let field = format!("topics of camera infos of {}", topic.name);
         let found = self.only(&same_frame, &field, "--camera-info").transpose()?.map(|(topic, _)| topic);
         if let (Some(beside), Some(found)) = (beside, found)
@@ -335,6 +349,12 @@ pub(crate) fn is_tree(name: &str) -> bool {
 fn info_beside(topic: &Topic) -> String {
     let folder = without_transport(&topic.name).rsplit_once('/').map_or("", |(folder, _)| folder);
     format!("{folder}/camera_info")
+}
+
+/// Returns true for a topic with results of this project, e.g. `/robot1/splatseg/ids`.
+fn is_result(name: &str) -> bool {
+    let mut parts = without_transport(name).rsplit('/');
+    parts.next().is_some_and(|last| RESULTS.contains(&last)) && parts.next() == Some(RESULTS_FOLDER)
 }
 
 /// Returns the name of the topic with the raw images.

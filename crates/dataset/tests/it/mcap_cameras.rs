@@ -348,3 +348,35 @@ fn depth_of_sixteen_bits_is_preferred() {
         "{text}"
     );
 }
+
+/// Writes what the node of this project publishes, beside the images of a camera or alone.
+fn with_results(camera: bool) -> Vec<u8> {
+    let mut writer = McapWriter::new();
+    for (frame, index) in frames().iter().zip(0..) {
+        let stamp = START + index * FRAME_NS;
+        writer.write("/tf", &camera_transform(stamp, "map", OPTICAL, frame), stamp);
+        let pixels = frame.color().pixels().as_flattened();
+        let depth = depth_bytes(frame);
+        if camera {
+            writer.write("/color/camera_info", &whole(stamp), stamp);
+            writer.write("/color/image_raw", &raw(stamp, OPTICAL, "rgb8", (16, 12), pixels), stamp);
+            writer.write("/depth/image_raw", &raw(stamp, OPTICAL, "16UC1", (16, 12), &depth), stamp);
+        }
+        writer.write("/splatseg/camera_info", &whole(stamp), stamp);
+        let overlay = jpeg_bytes(frame.color());
+        let overlay = CompressedImage { header: header(stamp, OPTICAL), format: "jpeg", data: &overlay };
+        writer.write("/splatseg/overlay/compressed", &overlay, stamp);
+        writer.write("/splatseg/segments", &raw(stamp, OPTICAL, "16UC1", (16, 12), &depth), stamp);
+        writer.write("/robot1/splatseg/ids", &raw(stamp, OPTICAL, "16UC1", (16, 12), &depth), stamp);
+    }
+    writer.finish()
+}
+
+#[test]
+fn results_are_not_taken_for_images_of_a_camera() {
+    let found = read(&with_results(true), &DatasetSettings::default()).unwrap();
+    has_camera(&found);
+    let text = error(&with_results(false));
+    assert!(text.starts_with("a.mcap: colour images: found none, but /splatseg/overlay/compressed (jpeg), "), "{text}");
+    assert!(text.ends_with("; overlay and ids are results of splatseg, not images of a camera"), "{text}");
+}

@@ -62,7 +62,7 @@ pub(super) fn mistaken_unit(factor: f64) -> Option<(f64, f64)> {
 pub(super) fn remedy(factor: f64) -> String {
     match mistaken_unit(factor) {
         Some((is, assumed)) => format!(
-            "set dataset.depth_scale, the stored units per metre, to {} times its value, as {is} instead of {assumed}",
+            "set dataset.depth_scale, the stored units per metre, to {} times its value, e.g. {is} instead of {assumed}",
             rounded(is / assumed)
         ),
         None => {
@@ -147,7 +147,7 @@ mod tests {
         let metres = doubt(2000.0).unwrap();
         assert!(metres.starts_with("the median depth is 2000.00 m, expected 0.3 to 15 m in a room: check the unit"));
         assert!(metres.contains("would be 2 m") && metres.contains("to 1000 times its value"), "{metres}");
-        assert!(doubt(20.0).unwrap().contains("5 times its value, as 5000 instead of 1000"), "{:?}", doubt(20.0));
+        assert!(doubt(20.0).unwrap().contains("5 times its value, e.g. 5000 instead of 1000"), "{:?}", doubt(20.0));
         let small = doubt(0.002).unwrap();
         assert!(small.contains("0.002 m, ") && small.contains("as 1 instead of 1000"), "{small}");
         assert!(doubt(1e30).unwrap().ends_with("check the unit of the depth"), "{:?}", doubt(1e30));

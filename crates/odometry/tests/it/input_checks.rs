@@ -123,7 +123,7 @@ fn units_of_positions_and_depth_are_told_apart() {
     }
     let millimetres = with_depth_of(&frames, |_, depth| depth.map(|depth| depth * 1000.0));
     let text = doubt(&millimetres, DoubtKind::DepthUnit);
-    assert!(text.contains("1000 times its value, as 1000 instead of 1"), "{text}");
+    assert!(text.contains("1000 times its value, e.g. 1000 instead of 1"), "{text}");
 }
 
 #[test]
