@@ -7,7 +7,8 @@ use super::regions::RegionGraph;
 use super::resolution::ScaledFrame;
 use super::weights::Offset;
 use super::*;
-use safetensors::SafeTensors;
+use safetensors::tensor::TensorView;
+use safetensors::{Dtype, SafeTensors};
 use splatseg_geometry::{CameraFrame, CowImage, Image, Intrinsics};
 #[cfg(feature = "networks")]
 use splatseg_models::device::DeviceName;
@@ -228,6 +229,23 @@ fn changed(from: &str, to: &str) -> String {
     let mut bytes = AffinityWeights::BuiltIn.read().unwrap().0.into_owned();
     let place = bytes.windows(from.len()).position(|part| part == from.as_bytes()).unwrap();
     bytes[place..place + to.len()].copy_from_slice(to.as_bytes());
+    error_of(&bytes)
+}
+
+/// Gives a tensor of the built-in weights this shape, and half-precision values of these bits. Returns the resulting error
+/// without the path.
+fn replaced(name: &str, shape: &[usize], bits: u16) -> String {
+    let bytes = AffinityWeights::BuiltIn.read().unwrap().0;
+    let (_, header) = SafeTensors::read_metadata(&bytes).unwrap();
+    let tensors = SafeTensors::deserialize(&bytes).unwrap();
+    let values = bits.to_le_bytes().repeat(shape.iter().product());
+    let changed = TensorView::new(Dtype::F16, shape.to_vec(), &values).unwrap();
+    let tensors = tensors.iter().map(|(other, tensor)| (other, if other == name { changed.clone() } else { tensor }));
+    error_of(&safetensors::serialize(tensors, header.metadata().clone()).unwrap())
+}
+
+/// The error of a weights file of these bytes, without the path.
+fn error_of(bytes: &[u8]) -> String {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("weights.safetensors");
     std::fs::write(&path, bytes).unwrap();
@@ -284,6 +302,18 @@ fn wrong_weights_are_named() {
     assert_eq!(shape, ": tensor stem.weight: found shape [16, 3, 8, 3], expected [outputs, 3, 5 or 8, 3, 3]");
     let offsets = changed("[0, 1], [1, 0]", "[0, 1], [0, 0]");
     assert!(offsets.starts_with(": offsets in the metadata: found [[0, 1], [0, 0]"), "{offsets}");
+    let upwards = changed("[0, 1], [1, 0]", "[-1,0], [0,-1]");
+    assert!(upwards.contains(", expected a list of pairs (row, column): rows down from 0"), "{upwards}");
+    assert_eq!(
+        replaced("stem.weight", &[0, 8, 3, 3], 0),
+        ": tensor stem.weight: found shape [0, 8, 3, 3], expected [outputs, 3, 5 or 8, 3, 3]"
+    );
+    // 0x7e00 is NaN, 0xfc00 minus infinity.
+    assert_eq!(replaced("d0.1.bias", &[1], 0x7e00), ": tensor d0.1.bias: found NaN, expected finite numbers");
+    assert_eq!(
+        replaced("stem.weight", &[16, 8, 3, 3], 0xfc00),
+        ": tensor stem.weight: found -inf, expected finite numbers"
+    );
     assert_eq!(changed("-2.25", "-2.x5"), ": threshold in the metadata: found -2.x5, expected a number");
     let nowhere = AffinityNetwork::load(&AffinityWeights::File("nowhere.safetensors".into())).unwrap_err().to_string();
     assert!(nowhere.starts_with("cannot read nowhere.safetensors"), "{nowhere}");

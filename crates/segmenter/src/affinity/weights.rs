@@ -143,14 +143,16 @@ impl<'a> Weights<'a> {
         self.tensors.tensor(&format!("{name}.weight")).is_ok()
     }
 
-    /// Reads `offsets` from the metadata, a JSON list of (row, column): the pixel pairs of the head's channels.
+    /// Reads `offsets` from the metadata, a JSON list of (row, column): the pixel pairs of the head's channels. None points
+    /// upwards: each pair is stored at its upper pixel, see [`splatseg_geometry::Affinities`].
     pub fn offsets(&self) -> Result<Vec<Offset>, AffinityWeightsError> {
         let text = self.metadata.get("offsets").map_or("nothing", String::as_str);
-        let expected = "a list of pairs (row, column) below 10000";
+        let expected = "a list of pairs (row, column): rows down from 0 to 9999, columns to the right from -9999 to 9999, not both 0";
         let pairs: Vec<(i32, i32)> =
             serde_json::from_str(text).map_err(|_| self.fault("offsets in the metadata", text, expected))?;
-        let is_possible =
-            |(down, right): &(i32, i32)| (*down, *right) != (0, 0) && down.abs().max(right.abs()) < 10_000;
+        let is_possible = |(down, right): &(i32, i32)| {
+            (*down, *right) != (0, 0) && (0..10_000).contains(down) && (-9_999..10_000).contains(right)
+        };
         if !pairs.iter().all(is_possible) {
             return Err(self.fault("offsets in the metadata", text, expected));
         }
@@ -169,8 +171,8 @@ impl<'a> Weights<'a> {
     pub fn stem<L: Layer>(&self, place: &L::Place) -> Result<L, AffinityWeightsError> {
         let (shape, weight) = self.numbers("stem.weight")?;
         let first = match shape[..] {
-            [_, CHANNELS | COLOR_CHANNELS, 3, 3] => 0,
-            [_, DEPTH_CHANNELS, 3, 3] => COLOR_CHANNELS,
+            [(1..), CHANNELS | COLOR_CHANNELS, 3, 3] => 0,
+            [(1..), DEPTH_CHANNELS, 3, 3] => COLOR_CHANNELS,
             _ => {
                 let expected = "[outputs, 3, 5 or 8, 3, 3]";
                 return Err(self.fault("tensor stem.weight", format!("shape {shape:?}"), expected));
@@ -206,7 +208,7 @@ impl<'a> Weights<'a> {
     /// Reads the biases of the convolution `name`.
     fn bias(&self, name: &str, outputs: usize) -> Result<Vec<f32>, AffinityWeightsError> {
         let (shape, bias) = self.numbers(&format!("{name}.bias"))?;
-        if outputs == 0 || shape != [outputs] {
+        if shape != [outputs] {
             return Err(self.fault(&format!("tensor {name}.bias"), format!("shape {shape:?}"), format!("[{outputs}]")));
         }
         Ok(bias)
@@ -217,11 +219,15 @@ impl<'a> Weights<'a> {
         let part = format!("tensor {name}");
         let tensor = self.tensors.tensor(name).map_err(|_| self.fault(&part, "nothing", "a tensor"))?;
         let bytes = tensor.data();
-        let numbers = match tensor.dtype() {
+        let numbers: Vec<f32> = match tensor.dtype() {
             Dtype::F16 => bytes.as_chunks().0.iter().map(|bytes| half::f16::from_le_bytes(*bytes).to_f32()).collect(),
             Dtype::F32 => bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect(),
             other => return Err(self.fault(&part, format!("{other:?}"), "F16 or F32")),
         };
+        // One such weight would make every log-odds useless, and no object would be found.
+        if let Some(number) = numbers.iter().find(|number| !number.is_finite()) {
+            return Err(self.fault(&part, number.to_string(), "finite numbers"));
+        }
         Ok((tensor.shape().to_vec(), numbers))
     }
 }
