@@ -13,6 +13,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from .inputs import nearest
+
 SIZE = (320, 240)  # width and height of the affinity network's views
 
 
@@ -62,12 +64,7 @@ def _view(colour, depth, ids, camera, size):
     cx, cy = (camera[0, 2] + 0.5) * sx - 0.5, (camera[1, 2] + 0.5) * sy - 0.5
     if colour is not None and colour.shape[1::-1] != size:
         colour = cv2.resize(colour, size, interpolation=cv2.INTER_AREA)
-    return View(colour, _nearest(depth, size), _nearest(ids, size), np.array([fx, fy, cx, cy]))
-
-
-def _nearest(image, size):
-    height, width = image.shape
-    return image[np.arange(size[1])[:, None] * height // size[1], np.arange(size[0])[None] * width // size[0]]
+    return View(colour, nearest(depth, size), nearest(ids, size), np.array([fx, fy, cx, cy]))
 
 
 def _image(path):

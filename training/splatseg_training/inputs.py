@@ -3,7 +3,8 @@
 Both follow this definition; a golden test compares them (`training/make_test_data.py`).
 
 1. Frames with more than `max_pixels` pixels are reduced by s = sqrt(max_pixels / pixels) to floor(width * s) ×
-   floor(height * s) pixels: colour by the area mean (rounded), depth by the pixel (floor(x * W / w), floor(y * H / h)).
+   floor(height * s) pixels: colour by the area mean (rounded), depth by the pixel nearest to the centre, halfway the left
+   or upper one: (floor(((2x + 1) * W - 1) / 2w), floor(((2y + 1) * H - 1) / 2h)).
 2. Colour: rgb / 127.5 - 1.
 3. Holes in the depth get the depth of the nearest valid pixel, in city-block distance. First within a row, where left
    wins ties. Then, row by row downwards, a pixel takes the value of the pixel above if that is nearer (distance above + 1
@@ -40,11 +41,20 @@ def reduced(rgb, depth_mm, K, max_pixels=MAX_PIXELS):
     scale = np.sqrt(max_pixels / (width * height))
     w, h = max(1, int(width * scale)), max(1, int(height * scale))
     small = cv2.resize(rgb, (w, h), interpolation=cv2.INTER_AREA)
-    depth = depth_mm[np.arange(h)[:, None] * height // h, np.arange(w)[None] * width // w]
+    depth = nearest(depth_mm, (w, h))
     K = np.array(K, np.float64)
     K[0, 0], K[1, 1] = K[0, 0] * w / width, K[1, 1] * h / height
     K[0, 2], K[1, 2] = (K[0, 2] + 0.5) * w / width - 0.5, (K[1, 2] + 0.5) * h / height - 0.5
     return small, depth, K
+
+
+def nearest(image, size):
+    """`image` [H, W] at `size` (width, height): the pixel nearest to each new one's centre, halfway the left or upper
+    one."""
+    (height, width), (w, h) = image.shape, size
+    rows = ((2 * np.arange(h) + 1) * height - 1) // (2 * h)
+    columns = ((2 * np.arange(w) + 1) * width - 1) // (2 * w)
+    return image[rows[:, None], columns[None]]
 
 
 def filled(z):
