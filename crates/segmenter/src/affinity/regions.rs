@@ -82,11 +82,14 @@ impl RegionGraph {
         let jobs: Vec<usize> = (0..count).step_by(REGIONS_PER_JOB).collect();
         let found: Vec<Vec<(Vec<Edges>, Edges)>> = jobs
             .into_par_iter()
-            .map(|first| {
-                let mut slots = Slots::new(count);
-                let regions = first..count.min(first + REGIONS_PER_JOB);
-                regions.map(|region| image.edges_from(region as u32, runs.of(region), &labels, &mut slots)).collect()
-            })
+            // Slots are as many as regions, so that new ones for each job would take time with their square.
+            .map_init(
+                || Slots::new(count),
+                |slots, first| {
+                    let regions = first..count.min(first + REGIONS_PER_JOB);
+                    regions.map(|region| image.edges_from(region as u32, runs.of(region), &labels, slots)).collect()
+                },
+            )
             .collect();
         let (mut edges, inner): (Vec<_>, Vec<_>) = found.into_iter().flatten().unzip();
         let found: Vec<usize> = edges.iter().map(Vec::len).collect();
