@@ -11,9 +11,11 @@ use splatseg_objects::{LabelScore, NameError, Object, ObjectList, ObjectNames};
 const MIN_SHARE: f32 = 0.25;
 /// Least score of an object.
 const MIN_SCORE: f32 = 0.05;
-/// Score of a label that only contains the text, or is an alternative.
+/// Score of a label that only contains the words of the text, or is an alternative.
 const PART_OF_LABEL: f32 = 0.8;
 const ALTERNATIVE: f32 = 0.5;
+/// A plural that [`with_singulars`] knows is at most this much longer than its singular, bytes.
+const LONGER_PLURAL: usize = 2;
 
 /// An object that fits a text.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -156,12 +158,14 @@ impl Synonyms {
         object.label_alternatives.iter().map(other).fold(own, f32::max)
     }
 
-    /// True if a label contains the text, or has a singular of it among its words.
+    /// True if a label contains the words of the text, a plural of them, or a singular. A word within another one, such as
+    /// `cup` in `cupboard`, is another thing.
     fn is_part_of(&self, label: &str) -> bool {
         let Some((text, singulars)) = self.words.split_first().filter(|(text, _)| !text.is_empty()) else {
             return false;
         };
-        label.contains(text) || singulars.iter().any(|word| label.split(' ').any(|part| part == word))
+        parts(label, text.len() + LONGER_PLURAL)
+            .any(|part| singulars.iter().any(|word| word == part) || with_singulars(part).contains(text))
     }
 
     fn fit_label(&self, label: &str) -> f32 {
@@ -176,6 +180,31 @@ impl Synonyms {
     }
 }
 
+/// The parts of a label of at most `longest` bytes that begin and end with a word.
+fn parts(label: &str, longest: usize) -> impl Iterator<Item = &str> {
+    let ends: Vec<usize> = (0..=label.len()).filter(|place| is_word_boundary(label, *place)).collect();
+    let starts = ends.clone();
+    starts.into_iter().flat_map(move |start| {
+        let after = ends.iter().copied().filter(move |end| *end > start && *end - start <= longest);
+        after.map(|end| &label[start..end]).collect::<Vec<_>>()
+    })
+}
+
+/// True if no word goes on across a place in a text: one side is no letter or digit, or of a script that does not
+/// separate words.
+fn is_word_boundary(text: &str, place: usize) -> bool {
+    let Some((before, after)) = text.split_at_checked(place) else { return false };
+    let is_inside = |character: char| character.is_alphanumeric() && !is_unseparated(character);
+    let both = before.chars().next_back().zip(after.chars().next());
+    both.is_none_or(|(before, after)| !is_inside(before) || !is_inside(after))
+}
+
+/// True of letters of scripts without spaces between words: Thai to Lao, Burmese, Khmer, Japanese and Chinese.
+fn is_unseparated(character: char) -> bool {
+    matches!(character, '\u{e00}'..='\u{eff}' | '\u{1000}'..='\u{109f}' | '\u{1780}'..='\u{17ff}'
+        | '\u{3040}'..='\u{30ff}' | '\u{3400}'..='\u{9fff}' | '\u{f900}'..='\u{faff}' | '\u{20000}'..='\u{3ffff}')
+}
+
 /// A text and the words whose plural it may be: `boxes`, `shelves`, `mugs`, `batteries`.
 fn with_singulars(text: &str) -> Vec<String> {
     let endings = [("s", ""), ("es", ""), ("ies", "y"), ("ves", "f"), ("ves", "fe")];
@@ -184,4 +213,44 @@ fn with_singulars(text: &str) -> Vec<String> {
         Some(format!("{stem}{singular}"))
     };
     std::iter::once(text.to_owned()).chain(endings.into_iter().filter_map(singular)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_is_part_of_a_label_as_words() {
+        let is_part = |text: &str, label: &str| Synonyms::new(text, None).is_part_of(label);
+        for (text, label) in [
+            ("cup", "coffee cup"),
+            ("cup", "cup, blue"),
+            ("cup", "cup-holder"),
+            ("cup", "my mother's cups"),
+            ("mother", "my mother's cups"),
+            ("box", "toy boxes"),
+            ("shelf", "two shelves"),
+            ("boxes", "box of toys"),
+            ("coffee cups", "a blue coffee cup"),
+            ("table", "table_2"),
+            ("stühle", "rote stühle"),
+            ("стол", "стол у окна"),
+            ("\u{676f}\u{5b50}", "\u{7ea2}\u{8272}\u{7684}\u{676f}\u{5b50}"),
+        ] {
+            assert!(is_part(text, label), "{text} in {label}");
+        }
+        for (text, label) in [
+            ("cup", "cupboard"),
+            ("car", "carpet"),
+            ("car", "red carpets"),
+            ("pot", "flowerpot"),
+            ("tab", "table_2"),
+            ("hl", "rote stühle"),
+            ("стол", "столовая"),
+            ("cups of", "cup"),
+            ("", "cup"),
+        ] {
+            assert!(!is_part(text, label), "{text} in {label}");
+        }
+    }
 }
