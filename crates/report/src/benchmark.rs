@@ -197,6 +197,21 @@ impl<'a> Benchmark<'a> {
         totals
     }
 
+    /// The frames per second over the scenes of these measurements, one per seed: frames and times are summed before
+    /// dividing. Scenes without frames have no speed.
+    pub(crate) fn speeds_by_seed(&self, measurements: &[&Measurement]) -> Vec<f64> {
+        let of_seed = |seed: &u64| {
+            let (mut frames, mut seconds) = (0.0, 0.0);
+            let timed = |measurement: &&&Measurement| measurement.seed == *seed && measurement.frames_per_second > 0.0;
+            for measurement in measurements.iter().filter(timed) {
+                frames += measurement.frames as f64;
+                seconds += measurement.frames as f64 / measurement.frames_per_second;
+            }
+            (seconds > 0.0).then(|| frames / seconds)
+        };
+        self.seeds.iter().filter_map(of_seed).collect()
+    }
+
     /// The scores over the scenes of these measurements, one per seed: counts are summed before dividing.
     pub(crate) fn totals_by_seed(&self, measurements: &[&Measurement], protocol: Protocol) -> Vec<Scores> {
         let mut totals = Vec::new();

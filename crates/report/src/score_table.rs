@@ -30,7 +30,7 @@ pub struct ScoreRow {
     pub cells: [Option<Spread>; 8],
     /// AP, AP50 and AP25 of 3D instances on the vertices of meshes, percent.
     pub mesh: [Option<Spread>; 3],
-    /// Frames per second.
+    /// Frames per second: for each seed the frames of all scenes by their time.
     pub speed: Option<Spread>,
     /// Number of true objects that AQ and STQ count more than once; the maximum over the seeds.
     pub overcounted_tracks: u64,
@@ -217,13 +217,12 @@ fn measured_row(
         let values: Vec<f64> = mesh_totals.iter().filter_map(|scores| mesh_columns(scores)[column]).collect();
         Spread::from_values(&values)
     };
-    let speeds: Vec<f64> = measurements.iter().map(|measurement| measurement.frames_per_second).collect();
     ScoreRow {
         label: benchmark.variants[variant].label(),
         origin: Origin::Measured,
         cells: std::array::from_fn(of_column),
         mesh: std::array::from_fn(of_mesh_column),
-        speed: Spread::from_values(&speeds),
+        speed: Spread::from_values(&benchmark.speeds_by_seed(measurements)),
         overcounted_tracks,
         note: missing_note(measurements, scenes * benchmark.seeds.len()),
     }

@@ -309,6 +309,30 @@ fn mvpd_has_the_rows_of_every_backbone_beside_ours() {
 }
 
 #[test]
+fn the_speed_is_over_scenes_and_its_spread_over_seeds() {
+    let runs = [Run::new(0), Run::new(2)];
+    let mut benchmark = benchmark(&runs);
+    let measured = |scene: usize, seed: u64, frames: usize, frames_per_second: f64| Measurement {
+        scene,
+        seed,
+        frames,
+        frames_per_second,
+        ..runs[0].measurement(0)
+    };
+    // 100 frames in 10 seconds, then 300 in 3.
+    benchmark.measurements = vec![measured(0, 0, 100, 10.0), measured(1, 0, 300, 100.0)];
+    let text = |benchmark: &Benchmark| {
+        let table = ScoreTable::over_all_scenes(benchmark, Protocol::Strict);
+        table.rows[0].speed.unwrap().text()
+    };
+    assert_eq!(text(&benchmark), "30.77", "there is one seed");
+    benchmark.seeds.push(7);
+    benchmark.measurements.extend([measured(0, 7, 100, 20.0), measured(1, 7, 300, 60.0), measured(1, 7, 0, 0.0)]);
+    // 400 frames in 13 and in 10 seconds.
+    assert_eq!(text(&benchmark), "35.38 ± 6.53");
+}
+
+#[test]
 fn efficiency_is_the_mean_over_videos_and_names_the_machine() {
     let runs = [Run::new(0), Run::new(2)];
     let mut benchmark = benchmark(&runs);
