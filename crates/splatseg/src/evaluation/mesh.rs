@@ -62,7 +62,7 @@ impl MeshTruth {
         let predictions = group_instances(&ids);
         let mut scorer = InstanceScorer::default();
         scorer.add_scene(&self.instances, &predictions)?;
-        let unseen_vertices = ids.iter().filter(|found| found.confidence == 0.0).count();
+        let unseen_vertices = ids.iter().filter(|found| found.color.is_none()).count();
         Ok(MeshScore { scorer, unseen_vertices, predicted_instances: predictions.len() })
     }
 }
@@ -80,4 +80,25 @@ fn group_instances(ids: &[VertexId]) -> Vec<PredictedInstance> {
         PredictedInstance { confidence, vertices }
     };
     instances.into_values().map(instance).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vertices_whose_gaussians_have_no_id_are_seen() {
+        let vertices = [0.0, 1.0, 2.0].map(|x| DVec3::new(x, 0.0, 0.0)).to_vec();
+        let truth = MeshTruth { vertices, instances: vec![1, 1, 1] };
+        let gaussian = |x: f32, segment_id: SegmentId, confidence: f32| MapGaussian {
+            mean: Vec3::new(x, 0.0, 0.0),
+            radius: 0.01,
+            color: [90; 3],
+            segment_id,
+            confidence,
+        };
+        // Nothing is known of the second one yet, and none is at the last vertex.
+        let found = truth.score(&[gaussian(0.0, 4, 1.0), gaussian(1.0, 0, 0.0)], DVec3::ZERO).unwrap();
+        assert_eq!((found.unseen_vertices, found.predicted_instances), (1, 1));
+    }
 }
