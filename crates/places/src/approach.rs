@@ -32,11 +32,10 @@ pub struct ApproachPoint {
 
 /// Free places near an object from which nothing hides it, the best first.
 pub(crate) fn approach_points(
-    grid: &OccupancyGrid,
     planner: &RoutePlanner<'_>,
     footprint: &Footprint,
-    radius: f64,
 ) -> Result<Vec<ApproachPoint>, RouteError> {
+    let (grid, radius) = (planner.grid, planner.radius);
     let shape = &grid.shape;
     let own: BTreeSet<usize> = footprint.cells.iter().copied().collect();
     let reach = radius + LARGEST_GAP;

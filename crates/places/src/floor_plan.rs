@@ -141,7 +141,7 @@ impl FloorPlan {
     /// [`RouteError::NoObject`] if the object has no footprint, [`RouteError::NoApproach`] if no such place is free.
     pub fn approach(&self, object: SegmentId, radius: f64) -> Result<Vec<ApproachPoint>, RouteError> {
         let footprint = self.footprints.get(&object).ok_or(RouteError::NoObject(object))?;
-        approach_points(&self.grid, &RoutePlanner::new(&self.grid, radius)?, footprint, radius)
+        approach_points(&RoutePlanner::new(&self.grid, radius)?, footprint)
     }
 
     /// The way of a robot of this radius, metres, from a place to where it faces an object, and that place: the best one
@@ -155,10 +155,10 @@ impl FloorPlan {
         object: SegmentId,
         radius: f64,
     ) -> Result<(Route, ApproachPoint), RouteError> {
-        let points = self.approach(object, radius)?;
+        let footprint = self.footprints.get(&object).ok_or(RouteError::NoObject(object))?;
         let planner = RoutePlanner::new(&self.grid, radius)?;
         let mut failed = None;
-        for point in points {
+        for point in approach_points(&planner, footprint)? {
             match planner.route(from, point.place) {
                 Ok(route) => return Ok((route, point)),
                 Err(error) => failed = failed.or(Some(error)),

@@ -1,5 +1,7 @@
 //! A plan as JSON: frame, rooms, and where objects stand and can be reached. `docs/PLACES.md` describes each key for users.
 
+use crate::approach::approach_points;
+use crate::route::RoutePlanner;
 use crate::{ApproachPoint, Cell, FloorPlan, Footprint, GridShape, PlanSettings, Room};
 use glam::{DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
@@ -93,10 +95,11 @@ impl PlanFile {
             floor_height: plan.frame().floor_height(),
             floor_heights: plan.floor_heights(),
         };
+        // One for all objects: it looks at every cell of the grid.
+        let planner = RoutePlanner::new(plan.grid(), robot_radius).ok();
         let object = |footprint: &Footprint| {
-            let is_flat = footprint.is_flat(plan.settings().min_height);
-            let points =
-                if is_flat { Vec::new() } else { plan.approach(footprint.id, robot_radius).unwrap_or_default() };
+            let planner = planner.as_ref().filter(|_| !footprint.is_flat(plan.settings().min_height));
+            let points = planner.and_then(|planner| approach_points(planner, footprint).ok());
             PlannedObject {
                 id: footprint.id,
                 label: labels.get(&footprint.id).cloned(),
@@ -105,7 +108,7 @@ impl PlanFile {
                 footprint: footprint.outlines.clone(),
                 heights: footprint.heights,
                 area_m2: footprint.area_m2,
-                approach: points,
+                approach: points.unwrap_or_default(),
             }
         };
         let is_wanted = |footprint: &&Footprint| ids.is_none_or(|ids| ids.contains(&footprint.id));

@@ -32,9 +32,10 @@ pub struct Route {
 
 /// The cells in which the centre of a robot may be.
 pub(crate) struct RoutePlanner<'a> {
-    grid: &'a OccupancyGrid,
+    pub grid: &'a OccupancyGrid,
     clearances: Vec<f64>,
-    radius: f64,
+    /// Radius of the robot, metres.
+    pub radius: f64,
 }
 
 impl FloorPlan {
