@@ -1,6 +1,7 @@
 //! The plan of a map.
 
 use crate::approach::{ApproachPoint, approach_points};
+use crate::floor_heights::FloorHeights;
 use crate::footprints::{Footprint, footprints};
 use crate::occupancy::Occupancy;
 use crate::rooms::{Room, Rooms};
@@ -17,7 +18,7 @@ pub struct FloorPlan {
     settings: PlanSettings,
     frame: PlanFrame,
     grid: OccupancyGrid,
-    floor_heights: (f64, f64),
+    floor: FloorHeights,
     footprints: BTreeMap<SegmentId, Footprint>,
     rooms: Rooms,
 }
@@ -43,15 +44,15 @@ impl FloorPlan {
         keyframes: &[DepthView],
         settings: PlanSettings,
     ) -> Result<Self, PlanError> {
-        let Occupancy { frame, grid, columns, floor_heights } = Occupancy::new(map, keyframes, &settings)?;
+        let Occupancy { frame, grid, columns, floor } = Occupancy::new(map, keyframes, &settings)?;
         let rooms = Rooms::new(&grid, &columns);
-        Ok(Self { settings, frame, grid, floor_heights, footprints: BTreeMap::new(), rooms })
+        Ok(Self { settings, frame, grid, floor, footprints: BTreeMap::new(), rooms })
     }
 
     /// Looks where the objects with these surfaces are, in the map that the plan was made of: for the first time, or again
     /// after what its Gaussians show has changed.
     pub fn look_for_objects(&mut self, map: &MapView<'_>, surfaces: &ObjectSurfaces) {
-        self.footprints = footprints(map, surfaces, &self.frame, &self.grid.shape);
+        self.footprints = footprints(map, surfaces, &self.frame, &self.grid.shape, &self.floor);
     }
 
     /// The settings that it was made with.
@@ -72,7 +73,8 @@ impl FloorPlan {
 
     /// The lowest and the highest z of the floor, in the plan's coordinates, metres.
     pub fn floor_heights(&self) -> (f64, f64) {
-        self.floor_heights
+        let (low, high) = self.floor.range();
+        (self.frame.floor_height() + f64::from(low), self.frame.floor_height() + f64::from(high))
     }
 
     /// The footprints of all objects with a place in the plan, floors and walls included.

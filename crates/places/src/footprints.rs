@@ -1,6 +1,7 @@
 //! Where objects stand: the cells of the plan that they cover.
 
 use crate::PlanFrame;
+use crate::floor_heights::FloorHeights;
 use crate::grid::GridShape;
 use crate::outline::outlines;
 use glam::{DVec2, DVec3, Vec3};
@@ -27,7 +28,8 @@ pub struct Footprint {
     pub outlines: Vec<Vec<DVec2>>,
     /// Mean of its cells, in the plan's coordinates.
     pub center: DVec2,
-    /// Height of its lowest and its highest part above the floor, metres, without the lowest and highest 3 % of its points.
+    /// Height of its lowest and its highest part above the floor below it, metres, without the lowest and highest 3 % of its
+    /// points.
     pub heights: (f64, f64),
     /// Area of its cells, square metres.
     pub area_m2: f64,
@@ -41,14 +43,16 @@ impl Footprint {
 }
 
 /// The footprints of all objects that have a place in the grid. The rules for Gaussians that do not belong to their object
-/// are those of `surfaces`.
+/// are those of `surfaces`. `floor` has the heights of the floor relative to the grid's corner, at that of `frame`.
 pub(crate) fn footprints(
     map: &MapView<'_>,
     surfaces: &ObjectSurfaces,
     frame: &PlanFrame,
     shape: &GridShape,
+    floor: &FloorHeights,
 ) -> BTreeMap<SegmentId, Footprint> {
     let shapes = surfaces.shapes();
+    let corner = shape.origin.extend(frame.floor_height());
     let mut cells: BTreeMap<SegmentId, (BTreeSet<usize>, Vec<f64>)> = BTreeMap::new();
     let ids = map.segment_ids();
     for (index, id) in ids.iter().enumerate() {
@@ -60,7 +64,9 @@ pub(crate) fn footprints(
         let point = frame.point_to_plan(world);
         let reach = (0.5 * f64::from(map.patch.side * map.radii[index])).min(REACH);
         let entry = cells.entry(*id).or_default();
-        entry.1.push(point.z - frame.floor_height());
+        // Beside the grid, where no floor was looked for, the height is that above the floor in general.
+        let above_general = point - corner;
+        entry.1.push(above_general.z - floor.at(above_general.as_vec3()).map_or(0.0, f64::from));
         entry.0.extend(covered(shape, point, reach));
     }
     let footprint = |(id, (cells, mut heights)): (SegmentId, (BTreeSet<usize>, Vec<f64>))| {

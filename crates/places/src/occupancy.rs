@@ -4,7 +4,7 @@ use crate::clearance::distances;
 use crate::columns::{ColumnContent, Columns};
 use crate::depth_points::DepthPoints;
 use crate::floor::Floor;
-use crate::floor_heights::FloorSamples;
+use crate::floor_heights::{FloorHeights, FloorSamples};
 use crate::floor_seen::FloorSeen;
 use crate::free_path::{camera_path, free_path};
 use crate::grid::{Cell, GridShape, OccupancyGrid};
@@ -34,8 +34,8 @@ pub(crate) struct Occupancy {
     pub grid: OccupancyGrid,
     /// Contents of the column above each cell.
     pub columns: Vec<ColumnContent>,
-    /// Lowest and highest z of the floor, in the plan's coordinates.
-    pub floor_heights: (f64, f64),
+    /// Height of the floor from place to place, from that of the plan's frame.
+    pub floor: FloorHeights,
 }
 
 impl Occupancy {
@@ -50,11 +50,10 @@ impl Occupancy {
         let mut samples = FloorSamples::new(size, 0.0);
         points.for_each(|points| samples.add(points));
         let floor = samples.heights();
-        let (low, high) = floor.range();
         let cells = (shape.width, shape.height);
         let resolution = shape.resolution as f32;
         let heights = (settings.min_height as f32, settings.max_height as f32);
-        let mut columns = Columns::new(cells, resolution, heights, floor);
+        let mut columns = Columns::new(cells, resolution, heights, floor.clone());
         add_gaussians(&mut columns, map, &frame, corner);
         points.for_each(|points| add_points(&mut columns, points));
         let mut seen = FloorSeen::new(cells, resolution);
@@ -71,8 +70,7 @@ impl Occupancy {
         if settings.free_path > 0.0 {
             free_path(&mut cells, &shape, &content, &camera_path(views, &frame), settings.free_path);
         }
-        let floor_heights = (frame.floor_height() + f64::from(low), frame.floor_height() + f64::from(high));
-        Ok(Self { frame, grid: OccupancyGrid { shape, cells }, columns: content, floor_heights })
+        Ok(Self { frame, grid: OccupancyGrid { shape, cells }, columns: content, floor })
     }
 }
 

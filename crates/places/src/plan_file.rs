@@ -66,7 +66,7 @@ pub struct PlannedObject {
     pub center: DVec2,
     /// Outlines of its footprint: counter-clockwise around each part, clockwise around holes.
     pub footprint: Vec<Vec<DVec2>>,
-    /// Height of its lowest and its highest point above the floor, metres.
+    /// Height of its lowest and its highest point above the floor below it, metres.
     pub heights: (f64, f64),
     /// Area of its footprint, square metres.
     pub area_m2: f64,
