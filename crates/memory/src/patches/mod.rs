@@ -231,13 +231,19 @@ impl PatchGraph {
         let most = |into: &BTreeMap<u32, u32>| {
             into.iter().max_by_key(|(patch, count)| (**count, **patch)).map(|(patch, _)| *patch)
         };
-        let heirs: BTreeMap<u32, u32> = lost
+        let next: BTreeMap<u32, u32> = lost
             .iter()
             .filter(is_gone)
             .filter_map(|(from, into)| Some((*from, most(into)?)))
             .filter(|(from, into)| *into != NO_PATCH && from != into)
             .collect();
-        let heir = |patch: u32| heirs.get(&patch).copied().unwrap_or(patch);
+        // An heir that has an heir of its own is gone, too. In a circle, nothing stays.
+        let heir = |patch: u32| {
+            let steps = std::iter::successors(Some(patch), |patch| next.get(patch).copied());
+            steps.take(next.len() + 1).last().unwrap_or(patch)
+        };
+        let heirs: BTreeMap<u32, u32> =
+            next.keys().map(|patch| (*patch, heir(*patch))).filter(|(from, into)| from != into).collect();
         for (from, into) in &heirs {
             for (id, pixels) in std::mem::take(&mut self.patches[*from as usize].pixels_of_ids) {
                 self.patches[*into as usize].count(id, pixels);

@@ -109,6 +109,24 @@ fn the_evidence_of_doubles_goes_to_the_earlier_patch() {
 }
 
 #[test]
+fn the_evidence_of_doubles_of_doubles_goes_to_the_earliest_patch() {
+    let mut graph = graph(5);
+    // The fourth patch is the third one, seen again, and that the first one.
+    graph.absorb(&[(4, 0), (5, 1), (6, 4), (7, 5)]);
+    graph.retain(&[true, true, true, true, false, false, false, false, true, true, true]);
+    assert_eq!(graph.patches[0].pixels_of_ids, [(1, 10), (3, 10), (4, 10)]);
+    let pairs: BTreeMap<u64, PairEvidence> = graph.pairs.iter().collect();
+    let of = |sum: i32, count| PairEvidence { sum: sum * UNIT, count };
+    assert_eq!(pairs, BTreeMap::from([(pair_key(0, 1), of(6, 6)), (pair_key(0, 4), of(3, 3))]));
+
+    // Two patches that are each other's doubles are both gone.
+    let mut graph = self::graph(3);
+    graph.absorb(&[(2, 4), (3, 5), (4, 2), (5, 3)]);
+    graph.retain(&[true, true, false, false, false, false, true]);
+    assert_eq!(decided(&graph), [1, 1, 0]);
+}
+
+#[test]
 fn ids_are_renamed_and_the_rarest_are_forgotten() {
     let mut graph = graph(1);
     graph.patches[0].count(7, 5);
