@@ -22,11 +22,11 @@ impl Segmenter for FastSamSegmenter {
         "fastsam"
     }
 
-    /// Returns FastSAM's masks, highest score first. Its boxes are dropped: they are only where it searched for masks.
     fn prefers_upright(&self) -> bool {
         true
     }
 
+    /// Returns FastSAM's masks, highest score first. Its boxes are dropped: they are only where it searched for masks.
     fn segment(&mut self, frame: &CameraFrame) -> Result<Segmentation, SegmenterError> {
         let detections = self.predictor.predict(frame.color())?;
         let masks = detections.into_iter().map(|found| ScoredMask { mask: found.mask, score: found.score });

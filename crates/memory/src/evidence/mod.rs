@@ -60,8 +60,8 @@ struct ArgMax {
 }
 
 impl ArgMax {
-    /// Replaces the id where `id` has more evidence. Of equal ids the smaller one wins, so that the order of Gaussians
-    /// does not matter.
+    /// Replaces the id where `id` has more evidence. Of ids with equal evidence the smaller one wins, so that the order of
+    /// Gaussians does not matter.
     fn update(&mut self, id: SegmentId, evidence: &[f32; PIXELS]) {
         // Without branches, so that the compiler compares several pixels at once.
         let entries = self.ids.iter_mut().zip(&mut self.evidence);

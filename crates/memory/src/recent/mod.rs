@@ -50,7 +50,8 @@ pub(crate) struct RecentFrames {
     far_frames: u8,
     /// The ids of the latest frame, `[height, width]`, if its pose was unknown.
     without_pose: Option<SegmentMap>,
-    /// True if the next frame was taken at another time than the latest one. Not saved: true until the first frame.
+    /// True if the next frame was taken at another time than the latest one: from [`Self::start_session`] to that frame. Not
+    /// saved.
     starts_session: bool,
 }
 

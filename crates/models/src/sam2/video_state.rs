@@ -47,7 +47,8 @@ impl TrackedObject {
     }
 }
 
-/// State of a video. Its size grows with the number of objects, not of frames.
+/// State of a video. Its size grows with the number of objects, not of frames, unless
+/// [`max_cond_frames_in_attn`](Sam2PredictorSettings::max_cond_frames_in_attn) is `None`: then all frames with prompts are kept.
 #[derive(Clone, Debug, Default)]
 pub struct VideoState {
     /// Number of frames so far.

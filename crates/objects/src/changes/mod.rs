@@ -82,7 +82,8 @@ pub struct ChangedObject {
     pub shape: ObjectShape,
     /// Share of its points, 0 to 1, that the other run looked at.
     pub observed: f64,
-    /// Share of these, 0 to 1, that agree with the verdict.
+    /// Share of these, 0 to 1, that agree with the verdict; of objects in `not_looked_at` and `newly_seen`, the share of all
+    /// points that the other run did not look at.
     pub confidence: f64,
 }
 

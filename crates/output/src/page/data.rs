@@ -35,7 +35,7 @@ pub struct RunData<'a> {
     pub cameras: &'a [CameraData],
     /// Unit vector pointing up, in world coordinates.
     pub up: Vec3,
-    /// The objects, by increasing id.
+    /// The objects: those that count first, then those that most frames show, then by id.
     pub objects: Vec<ObjectData>,
     /// Changes since the loaded map; missing if none was loaded.
     #[serde(skip_serializing_if = "Option::is_none")]
