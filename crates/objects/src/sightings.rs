@@ -89,6 +89,11 @@ impl ObjectLog {
         self.drop_longest_unseen();
     }
 
+    /// Forgets an object: its id stands for another one from the next frame on.
+    pub fn forget(&mut self, id: SegmentId) {
+        self.records.remove(&id);
+    }
+
     /// Adds the records of ids that turned out to be other ids' objects to those. Frames that showed both count twice.
     pub fn remap(&mut self, remapped: &[RemappedId]) {
         for RemappedId { from, into } in remapped {

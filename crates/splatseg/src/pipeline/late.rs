@@ -3,10 +3,10 @@
 use super::stages::in_thread_pool;
 use super::{FrameResult, Pipeline, PipelineError};
 use splatseg_geometry::{FrameAnchor, Pose, RgbdFrame, SegmentId};
-use splatseg_objects::ObjectLog;
+use splatseg_objects::{ObjectLog, ObjectSighting};
 use splatseg_odometry::PoseState;
 use splatseg_tracking::{FrameOutput, Hindsight, ShownFrame};
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// Frames with their results, which wait to be decided again. Each has a `T`, whatever belongs to it.
 ///
@@ -20,6 +20,8 @@ pub struct WaitingFrames<T> {
     added: usize,
     /// The objects of the frames that were decided again.
     objects: ObjectLog,
+    /// Ids that stand for new objects from a waiting frame on, with the frame's number in [`Self::objects`].
+    new: BTreeMap<SegmentId, usize>,
 }
 
 /// A frame whose result is decided again.
@@ -35,7 +37,7 @@ pub struct LateFrame<T> {
 
 impl<T> Default for WaitingFrames<T> {
     fn default() -> Self {
-        Self { frames: VecDeque::new(), added: 0, objects: ObjectLog::default() }
+        Self { frames: VecDeque::new(), added: 0, objects: ObjectLog::default(), new: BTreeMap::new() }
     }
 }
 
@@ -51,6 +53,8 @@ impl<T> WaitingFrames<T> {
             }
             self.objects.remap(&result.remapped);
         }
+        let number = self.objects.frames() + self.frames.len();
+        self.new.extend(result.output.update.new_segments.iter().map(|id| (*id, number)));
         self.frames.push_back(LateFrame { frame, result, belongings });
         self.added += 1;
     }
@@ -78,7 +82,7 @@ impl<T> WaitingFrames<T> {
         let pose = correction(&result.anchor, pipeline).map_or(pose, |correction| correction * pose);
         let frame = frame.into_camera_frame().at(pose);
         let shown = ShownFrame { segments: result.output.segments, regions: result.regions.take() };
-        let output = match pipeline.hindsight() {
+        let mut output = match pipeline.hindsight() {
             Some(hindsight) if result.pose.state != PoseState::Lost => {
                 let decided = in_thread_pool(|| hindsight.look_again(&frame, &shown));
                 let failed =
@@ -87,9 +91,32 @@ impl<T> WaitingFrames<T> {
             }
             _ => FrameOutput { segments: shown.segments, ..result.output },
         };
+        self.forget_replaced(&output, &result.objects);
+        let new_segments = std::mem::take(&mut output.update.new_segments);
         result.objects = self.objects.record(&output);
+        output.update.new_segments = new_segments;
         result.pose.world_from_camera = pose;
         Ok(Some(LateFrame { frame, result: FrameResult { output, regions: shown.regions, ..result }, belongings }))
+    }
+
+    /// Forgets the objects whose ids stand for new ones now: from the frame on that was to show those first, or before, if only
+    /// hindsight shows the id there. `at_the_time` has the objects that the frame showed.
+    fn forget_replaced(&mut self, output: &FrameOutput, at_the_time: &[ObjectSighting]) {
+        let Self { objects, new, .. } = self;
+        let number = objects.frames();
+        let is_early = |id| !at_the_time.iter().any(|object| object.id == id);
+        let mut early: BTreeSet<SegmentId> = BTreeSet::new();
+        if new.values().any(|first| *first > number) {
+            let masks = output.masks.iter().map(|(id, _)| *id);
+            early = output.segments.areas().into_keys().chain(masks).filter(|id| is_early(*id)).collect();
+        }
+        new.retain(|id, first| {
+            let waits = *first > number && !early.contains(id);
+            if !waits {
+                objects.forget(*id);
+            }
+            waits
+        });
     }
 }
 

@@ -5,8 +5,9 @@ use splatseg::geometry::RemappedId;
 use splatseg::odometry::PoseState;
 use splatseg::pipeline::{LateFrame, WaitingFrames};
 use splatseg::tracking::{Hindsight, ShownFrame};
-use splatseg::{Pipeline, SegmentMap, Settings};
+use splatseg::{Pipeline, SegmentId, SegmentMap, Settings};
 use splatseg_test_scenes::room;
+use std::collections::BTreeMap;
 
 const FRAMES: usize = 9;
 
@@ -61,10 +62,37 @@ fn waiting_for_all_frames_is_looking_back_from_the_end() {
 }
 
 #[test]
+fn an_object_that_hindsight_shows_before_the_time_is_new_in_that_frame_alone() {
+    const FRAMES: usize = 24;
+    let scene = room(&format!("synthetic:frames={FRAMES},width=160,height=120,noise=kinect,seed=5"));
+    let mut pipeline = Pipeline::builder(&Settings::default()).build().unwrap();
+    let (mut waiting, mut at_the_time) = (WaitingFrames::default(), BTreeMap::new());
+    let mut first: BTreeMap<SegmentId, usize> = BTreeMap::new();
+    for index in 0..FRAMES + 4 {
+        if index < FRAMES {
+            let frame = scene.read_frame(index).unwrap();
+            let result = pipeline.step(&frame).unwrap();
+            assert!(result.remapped.is_empty());
+            for object in &result.objects {
+                at_the_time.entry(object.id).or_insert(index);
+            }
+            waiting.add(frame, result, index);
+        }
+        let Some(late) = waiting.next_due(&mut pipeline, |frame, _| frame + 4 == index).unwrap() else { continue };
+        for object in &late.result.objects {
+            let shown = *first.entry(object.id).or_insert(late.belongings);
+            assert_eq!((object.first_frame, object.last_frame), (shown, late.belongings), "object {}", object.id);
+        }
+    }
+    let earlier = first.iter().filter(|(id, late)| at_the_time.get(id).is_some_and(|shown| late < &shown)).count();
+    assert!(earlier > 0, "hindsight finds no object earlier");
+}
+
+#[test]
 fn an_object_that_gets_another_id_meanwhile_is_not_new() {
     let scene = room("synthetic:frames=4,width=128,height=96,noise=kinect");
     let mut pipeline = Pipeline::builder(&Settings::default()).build().unwrap();
-    let (mut waiting, mut renamed) = (WaitingFrames::default(), None);
+    let (mut waiting, mut renamed, mut shown) = (WaitingFrames::default(), None, 0);
     for index in 0..4 {
         let frame = scene.read_frame(index).unwrap();
         let mut result = pipeline.step(&frame).unwrap();
@@ -75,13 +103,15 @@ fn an_object_that_gets_another_id_meanwhile_is_not_new() {
         }
         // The pose is lost, so that the frame shows what it showed.
         result.pose.state = PoseState::Lost;
-        let known = result.objects.iter().map(|object| object.id).max().unwrap();
+        let largest = result.objects.iter().max_by_key(|object| object.area).unwrap().id;
         waiting.add(frame, result, ());
         let late = waiting.next_due(&mut pipeline, |(), _| true).unwrap().unwrap();
         if let Some(RemappedId { into, .. }) = renamed {
-            let object = late.result.objects.iter().find(|object| object.id == into);
-            assert!(object.is_none_or(|object| !object.is_new()));
+            let object = late.result.objects.iter().find(|object| object.id == into).unwrap();
+            assert!(!object.is_new());
+            shown += 1;
         }
-        renamed = (index == 2).then_some(RemappedId { from: known, into: 900 });
+        renamed = (index == 2).then_some(RemappedId { from: largest, into: 900 });
     }
+    assert_eq!(shown, 1);
 }
