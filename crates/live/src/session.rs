@@ -309,6 +309,8 @@ impl LiveSession {
         match result {
             Ok(result) => {
                 self.seen.remap(&result.remapped);
+                // At once, also with a lag: the rest of what is told of objects is of the time, too.
+                self.seen.record(&place.file_stamp, place.size, &result.objects);
                 self.record(&result, received, started);
                 self.latest_stamp = place.stamp;
                 if let Some(frames) = self.stream.coordinate_frames() {
@@ -359,7 +361,6 @@ impl LiveSession {
 
     /// Publishes the result of a frame. `color` may be left out if nobody watches.
     fn publish(&mut self, color: Option<&Image<[u8; 3]>>, place: &PublishedFrame, result: &FrameResult) {
-        self.seen.record(&place.file_stamp, place.size, &result.objects);
         let is_shown = self.outlet.is_watched() || self.outlet.wants(Output::Overlay);
         let frame = LiveFrame {
             number: place.file_stamp.number,

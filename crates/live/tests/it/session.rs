@@ -9,7 +9,7 @@ use splatseg_geometry::{MapView, RemappedId};
 use splatseg_live::{
     BuildPipeline, LiveFrame, LiveOptions, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, SavedMap,
 };
-use splatseg_objects::{ObjectList, SceneGraph};
+use splatseg_objects::{Object, ObjectList, SceneGraph};
 use splatseg_places::PlanSettings;
 use splatseg_ros::{
     Detection3dArray, DiagnosticArray, Image, MarkerArray, OccupancyGrid, PointCloud2, TextMessage, from_cdr,
@@ -54,16 +54,20 @@ fn recording() -> PathBuf {
 }
 
 fn setting(options: LiveOptions, load: Option<&Path>) -> Setting {
-    let mut dataset = DatasetSettings::default();
-    dataset.world_frame = Some("map".to_owned());
-    let stream = Arc::new(LiveStream::without_drops(&dataset).unwrap());
-    let (published, shown) = (Published::default(), Arc::default());
-    let outlet = Collector { published: Arc::clone(&published), shown: Arc::clone(&shown) };
     let settings: Settings = SettingsLayers::default().resolve().unwrap();
     let build: BuildPipeline = Box::new(move |map| match map {
         Some(map) => Pipeline::builder(&settings).saved_memory(map).build(),
         None => Pipeline::builder(&settings).build(),
     });
+    setting_with(build, options, load)
+}
+
+fn setting_with(build: BuildPipeline, options: LiveOptions, load: Option<&Path>) -> Setting {
+    let mut dataset = DatasetSettings::default();
+    dataset.world_frame = Some("map".to_owned());
+    let stream = Arc::new(LiveStream::without_drops(&dataset).unwrap());
+    let (published, shown) = (Published::default(), Arc::default());
+    let outlet = Collector { published: Arc::clone(&published), shown: Arc::clone(&shown) };
     let session = LiveSession::new(build, load, (Arc::clone(&stream), Box::new(outlet)), options).unwrap();
     Setting { stream, published, shown, session }
 }
@@ -159,31 +163,52 @@ fn check_places(saved: &SavedMap, list: &ObjectList, (grid, graph): (&[u8], &[u8
     }
 }
 
+/// The ids of each frame that was published, in order.
+fn shown_ids(published: &Published) -> Vec<BTreeSet<u32>> {
+    let published = published.lock().unwrap();
+    let images = published.iter().filter(|(output, _)| *output == Output::Ids);
+    let ids = |(_, message): &(Output, Vec<u8>)| {
+        let image: Image<'_> = from_cdr(message).unwrap();
+        let pixels = image.data.as_chunks::<2>().0.iter().map(|id| u32::from(u16::from_le_bytes(*id)));
+        pixels.filter(|id| *id != 0).collect()
+    };
+    images.map(ids).collect()
+}
+
 #[test]
 fn with_a_lag_every_frame_is_published_later_on_its_stamp() {
-    let stamps = |lag: Duration| {
+    let run = |lag: Duration| {
         let folder = tempfile::tempdir().unwrap();
         let saved = SavedMap::new(folder.path().join("home.ply"));
         let options = LiveOptions { lag, saved_map: Some(saved.clone()), ..LiveOptions::default() };
         let mut setting = setting(options, None);
         play(&mut setting);
         assert_eq!(setting.session.status().frames, 4);
-        let published = setting.published.lock().unwrap();
-        let ids: Vec<&Vec<u8>> =
-            published.iter().filter(|(output, _)| *output == Output::Ids).map(|(_, message)| message).collect();
-        let images: Vec<Image<'_>> = ids.iter().map(|message| from_cdr(message).unwrap()).collect();
-        let shown =
-            images.iter().flat_map(|image| image.data.as_chunks::<2>().0.iter().map(|id| u16::from_le_bytes(*id)));
-        let shown: BTreeSet<u32> = shown.map(u32::from).filter(|id| *id != 0).collect();
         let list: ObjectList = serde_json::from_slice(&std::fs::read(saved.objects()).unwrap()).unwrap();
+        let shown: BTreeSet<u32> = shown_ids(&setting.published).into_iter().flatten().collect();
         let listed: BTreeSet<u32> = list.all().map(|object| object.id).collect();
         assert!(shown.is_subset(&listed), "{shown:?}, {listed:?}");
-        images.iter().map(|image| image.header.stamp.nanoseconds()).collect::<Vec<_>>()
+        let published = setting.published.lock().unwrap();
+        let images = published.iter().filter(|(output, _)| *output == Output::Ids);
+        let stamp =
+            |(_, message): &(Output, Vec<u8>)| from_cdr::<Image<'_>>(message).unwrap().header.stamp.nanoseconds();
+        (images.map(stamp).collect::<Vec<_>>(), list)
     };
-    let at_once = stamps(Duration::ZERO);
-    assert!(at_once.len() == 4 && at_once.is_sorted());
+    let (stamps, at_once) = run(Duration::ZERO);
+    assert!(stamps.len() == 4 && stamps.is_sorted());
+    let seen = |list: &ObjectList| -> Vec<_> {
+        let mut objects: Vec<_> = list.all().cloned().collect();
+        objects.sort_by_key(|object| object.id);
+        let seen = |object: Object| {
+            let frames = (object.frames, object.first_frame, object.last_frame);
+            (object.id, frames, object.confidence, object.best_view)
+        };
+        objects.into_iter().map(seen).collect()
+    };
     for lag in [Duration::from_millis(1), Duration::from_secs(10)] {
-        assert_eq!(stamps(lag), at_once);
+        let (late, list) = run(lag);
+        assert_eq!(late, stamps);
+        assert_eq!(seen(&list), seen(&at_once), "objects are not delayed");
     }
 }
 
