@@ -662,6 +662,7 @@ impl LiveSession {
     fn merge(&mut self, ids: &[SegmentId]) -> Result<SegmentId, MergeObjectsError> {
         let remapped = self.pipeline.merge_objects(ids)?;
         self.seen.remap(&remapped);
+        self.waiting.remap(&remapped);
         self.outlet.merge(&remapped);
         (self.has_new_names, self.has_unpublished_names) = (true, true);
         self.map_version += 1;

@@ -1,11 +1,13 @@
 //! A session on the messages of a small recording: what it publishes, saves and answers.
 
+use splatseg::memory::SplatMemory;
 use splatseg::pipeline::NamedMap;
 use splatseg::segmenter::Detail;
 use splatseg::settings::SettingsLayers;
-use splatseg::{Pipeline, Settings};
+use splatseg::tracking::{FastSamSplat, FastSamSplatSettings, FrameOutput, Method, TrackingError};
+use splatseg::{Pipeline, Segmentation, Settings};
 use splatseg_dataset::{DatasetSettings, MatchLimits, read_messages};
-use splatseg_geometry::{MapView, RemappedId};
+use splatseg_geometry::{MapView, RemappedId, RgbdFrame};
 use splatseg_live::{
     BuildPipeline, LiveFrame, LiveOptions, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, SavedMap,
 };
@@ -210,6 +212,67 @@ fn with_a_lag_every_frame_is_published_later_on_its_stamp() {
         assert_eq!(late, stamps);
         assert_eq!(seen(&list), seen(&at_once), "objects are not delayed");
     }
+}
+
+/// A method that does not decide frames again.
+struct WithoutHindsight(FastSamSplat);
+
+impl Method for WithoutHindsight {
+    fn name(&self) -> &str {
+        "without-hindsight"
+    }
+
+    fn process(&mut self, frame: &RgbdFrame, found: &Segmentation) -> Result<FrameOutput, TrackingError> {
+        self.0.process(frame, found)
+    }
+
+    fn merge_objects(&mut self, remapped: &[RemappedId]) {
+        self.0.merge_objects(remapped);
+    }
+
+    fn memory(&self) -> Option<&SplatMemory> {
+        self.0.memory()
+    }
+}
+
+#[test]
+fn frames_that_wait_show_objects_that_were_merged_meanwhile_as_one() {
+    let build: BuildPipeline = Box::new(|_| {
+        let method = FastSamSplat::new(FastSamSplatSettings::default(), 0, &mut |_| {}).unwrap();
+        Pipeline::builder(&Settings::default()).method(Box::new(WithoutHindsight(method))).build()
+    });
+    let lag = Duration::from_secs(10);
+    let mut setting = setting_with(build, LiveOptions { lag, ..LiveOptions::default() }, None);
+    let (requests, stream) = (setting.session.requests(), Arc::clone(&setting.stream));
+    let (mut merged, timeout) = ((0, 0), Duration::from_secs(20));
+    std::thread::scope(|scope| {
+        let working = scope.spawn(|| {
+            feed(&stream);
+            // A message of a minute later: frames wait for no other image any more.
+            stream.feed_at(("/clock", "std_msgs/msg/String"), &[], Duration::from_secs(1_700_000_060));
+            let mut ids = Vec::new();
+            for _ in 0..2000 {
+                let seen = requests.look(|session| (session.status().frames, session.objects().objects), timeout);
+                if let Ok((4, objects)) = seen {
+                    // The two that most frames show.
+                    ids = objects.iter().map(|object| object.id).take(2).collect();
+                    break;
+                }
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            let answer = requests.send(LiveRequest::Merge(ids.clone()), timeout);
+            // Ends the session before anything here can panic.
+            stream.end();
+            answer.map(|_| ids)
+        });
+        setting.session.run(&mut || false).unwrap();
+        let ids = working.join().unwrap().unwrap();
+        merged = (ids[0].min(ids[1]), ids[0].max(ids[1]));
+    });
+    let shown = shown_ids(&setting.published);
+    assert_eq!(shown.len(), 4);
+    assert!(shown[0].contains(&merged.0));
+    assert!(shown.iter().all(|ids| !ids.contains(&merged.1)), "{merged:?} {shown:?}");
 }
 
 #[test]

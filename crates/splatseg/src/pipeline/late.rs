@@ -2,8 +2,8 @@
 
 use super::stages::in_thread_pool;
 use super::{FrameResult, Pipeline, PipelineError};
-use splatseg_geometry::{FrameAnchor, Pose, RgbdFrame, SegmentId};
-use splatseg_objects::{ObjectLog, ObjectSighting};
+use splatseg_geometry::{FrameAnchor, Pose, RemappedId, RgbdFrame, SegmentId};
+use splatseg_objects::{ObjectLog, ObjectSighting, RemapLog};
 use splatseg_odometry::PoseState;
 use splatseg_tracking::{FrameOutput, Hindsight, ShownFrame};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -44,19 +44,30 @@ impl<T> Default for WaitingFrames<T> {
 impl<T> WaitingFrames<T> {
     /// Adds the next frame and its result.
     pub fn add(&mut self, frame: RgbdFrame<'static>, result: FrameResult, belongings: T) {
-        if !result.remapped.is_empty() {
-            let names: BTreeMap<SegmentId, SegmentId> =
-                result.remapped.iter().map(|remapped| (remapped.from, remapped.into)).collect();
-            for waiting in &mut self.frames {
-                let shown = waiting.result.output.segments.pixels_mut();
-                shown.iter_mut().for_each(|id| *id = names.get(id).copied().unwrap_or(*id));
-            }
-            self.objects.remap(&result.remapped);
-        }
+        self.remap(&result.remapped);
         let number = self.objects.frames() + self.frames.len();
         self.new.extend(result.output.update.new_segments.iter().map(|id| (*id, number)));
         self.frames.push_back(LateFrame { frame, result, belongings });
         self.added += 1;
+    }
+
+    /// Tells the frames that ids turned out to be other ids' objects. [`Self::add`] does it with [`FrameResult::remapped`], so
+    /// that this is for what becomes known between two frames.
+    pub fn remap(&mut self, remapped: &[RemappedId]) {
+        if remapped.is_empty() {
+            return;
+        }
+        let mut log = RemapLog::default();
+        log.add(1, remapped);
+        let names = log.final_ids(0);
+        self.frames.iter_mut().for_each(|waiting| rename(&mut waiting.result, &names));
+        for id in remapped.iter().flat_map(|remapped| [remapped.from, remapped.into]) {
+            if self.new.remove(&id).is_some() {
+                // Earlier frames showed another object with this id.
+                self.objects.forget(id);
+            }
+        }
+        self.objects.remap(remapped);
     }
 
     /// Decides the first of the frames again if `is_due` returns true for what belongs to it and the number of frames after
@@ -117,6 +128,21 @@ impl<T> WaitingFrames<T> {
             }
             waits
         });
+    }
+}
+
+/// Renames the objects of a result. Of several that get one name, the masks are united.
+fn rename(result: &mut FrameResult, names: &BTreeMap<SegmentId, SegmentId>) {
+    let name = |id: SegmentId| names.get(&id).copied().unwrap_or(id);
+    let FrameOutput { segments, masks, .. } = &mut result.output;
+    segments.pixels_mut().iter_mut().for_each(|id| *id = name(*id));
+    result.objects.iter_mut().for_each(|object| object.id = name(object.id));
+    for (id, mask) in std::mem::take(masks) {
+        let id = name(id);
+        match masks.iter_mut().find(|(other, _)| *other == id) {
+            Some((_, united)) => united.unite(&mask),
+            None => masks.push((id, mask)),
+        }
     }
 }
 

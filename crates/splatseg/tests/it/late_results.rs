@@ -1,9 +1,10 @@
 //! Frames that wait, and are decided again with what the frames after them have shown.
 
 use splatseg::dataset::Scene;
-use splatseg::geometry::RemappedId;
+use splatseg::geometry::{Mask, RemappedId, RgbdFrame};
+use splatseg::objects::RemapLog;
 use splatseg::odometry::PoseState;
-use splatseg::pipeline::{LateFrame, WaitingFrames};
+use splatseg::pipeline::{FrameResult, LateFrame, WaitingFrames};
 use splatseg::tracking::{Hindsight, ShownFrame};
 use splatseg::{Pipeline, SegmentId, SegmentMap, Settings};
 use splatseg_test_scenes::room;
@@ -86,6 +87,44 @@ fn an_object_that_hindsight_shows_before_the_time_is_new_in_that_frame_alone() {
     }
     let earlier = first.iter().filter(|(id, late)| at_the_time.get(id).is_some_and(|shown| late < &shown)).count();
     assert!(earlier > 0, "hindsight finds no object earlier");
+}
+
+/// The first frame of the room and its result, whose pose is said to be lost, so that it shows what it showed, and its two
+/// largest objects, the older one first.
+fn lost_frame(pipeline: &mut Pipeline) -> (RgbdFrame<'static>, FrameResult, [SegmentId; 2]) {
+    let frame = room("synthetic:frames=4,width=128,height=96,noise=kinect").read_frame(0).unwrap();
+    let mut result = pipeline.step(&frame).unwrap();
+    result.pose.state = PoseState::Lost;
+    let mut objects: Vec<(usize, SegmentId)> = result.objects.iter().map(|object| (object.area, object.id)).collect();
+    objects.sort_unstable();
+    let [.., one, other] = objects.as_slice() else { panic!("{objects:?}") };
+    let ids = [one.1.min(other.1), one.1.max(other.1)];
+    (frame, result, ids)
+}
+
+#[test]
+fn frames_that_wait_get_the_ids_that_others_get_in_the_end() {
+    let mut pipeline = Pipeline::builder(&Settings::default()).build().unwrap();
+    let (frame, mut result, [older, newer]) = lost_frame(&mut pipeline);
+    result.output.masks = Mask::of_segments(&result.output.segments);
+    let areas = result.output.segments.areas();
+    let (mut latest, count) = (result.clone(), result.output.masks.len());
+    let mut waiting = WaitingFrames::default();
+    waiting.add(frame.clone(), result, ());
+    // One after the other, as a loop closure may find them.
+    latest.remapped = vec![RemappedId { from: newer, into: 900 }, RemappedId { from: 900, into: older }];
+    let mut log = RemapLog::default();
+    log.add(1, &latest.remapped);
+    assert_eq!(log.final_ids(0)[&newer], older);
+    waiting.add(frame, latest, ());
+    let late = waiting.next_due(&mut pipeline, |(), _| true).unwrap().unwrap().result;
+    let expected = areas[&older] + areas[&newer];
+    assert_eq!(late.output.segments.areas().get(&older), Some(&expected));
+    let masks: BTreeMap<SegmentId, usize> = late.output.masks.iter().map(|(id, mask)| (*id, mask.area())).collect();
+    assert_eq!((late.output.masks.len(), masks.len(), masks.get(&older)), (count - 1, count - 1, Some(&expected)));
+    let object = late.objects.iter().find(|object| object.id == older).unwrap();
+    assert_eq!(object.area, expected);
+    assert!(late.objects.iter().all(|object| object.id != newer && object.id != 900));
 }
 
 #[test]
