@@ -28,6 +28,11 @@ pub trait PoseSource: Send {
         BTreeMap::new()
     }
 
+    /// The keyframe of this number as in [`Self::keyframes`], for a source that finds it faster.
+    fn keyframe(&self, id: KeyframeId) -> Option<KeyframePlace> {
+        self.keyframes().remove(&id)
+    }
+
     /// The turn after which images of the camera are upright, as [`PoseUpdate::turn`] told it with the latest frame.
     fn turn(&self) -> QuarterTurn {
         QuarterTurn::None

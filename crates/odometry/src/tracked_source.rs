@@ -48,6 +48,11 @@ impl PoseSource for TrackedPoses {
         self.map.store.poses().into_iter().filter_map(place).collect()
     }
 
+    fn keyframe(&self, id: KeyframeId) -> Option<KeyframePlace> {
+        let store = &self.map.store;
+        Some(KeyframePlace { world_from_keyframe: store.pose_of(id)?, part: store.part_of(id)? })
+    }
+
     fn turn(&self) -> QuarterTurn {
         self.upright.turn()
     }

@@ -159,6 +159,14 @@ impl KeyframeStore {
         &self.index
     }
 
+    /// The pose that a keyframe has or, if it was dropped, would have now.
+    pub(crate) fn pose_of(&self, id: KeyframeId) -> Option<Pose> {
+        match self.replaced.get(&id) {
+            Some((kept, kept_from_dropped)) => Some(self.get(*kept)?.world_from_key * *kept_from_dropped),
+            None => Some(self.get(id)?.world_from_key),
+        }
+    }
+
     /// The poses of all keyframes, dropped ones too.
     pub(crate) fn poses(&self) -> BTreeMap<KeyframeId, Pose> {
         let mut poses: BTreeMap<KeyframeId, Pose> =

@@ -26,6 +26,8 @@ fn keyframes_move_with_the_corrected_poses_of_their_frames() {
     let correction = update.correction.unwrap();
     assert_eq!(correction.new_from_old.keys().copied().collect::<Vec<_>>(), [1, 2, 3]);
     let found = poses.keyframes();
+    assert!(found.iter().all(|(id, place)| poses.keyframe(*id) == Some(*place)), "one by one, too");
+    assert_eq!(poses.keyframe(99), None);
     let position = |id: u32| found[&id].world_from_keyframe.translation();
     let close = |id: u32, expected: Pose| position(id).distance(expected.translation()) < 1e-12;
     assert!(close(0, pose(0)) && close(1, shifted(1)) && close(3, shifted(3)));

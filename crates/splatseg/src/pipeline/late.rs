@@ -148,5 +148,5 @@ fn rename(result: &mut FrameResult, names: &BTreeMap<SegmentId, SegmentId>) {
 
 /// New world coordinates from those of the time, if the keyframe of a frame has moved since.
 fn correction(anchor: &FrameAnchor, pipeline: &Pipeline) -> Option<Pose> {
-    anchor.world_from_keyframe.motion_to(&pipeline.keyframes().get(&anchor.keyframe)?.world_from_keyframe)
+    anchor.world_from_keyframe.motion_to(&pipeline.keyframe(anchor.keyframe)?.world_from_keyframe)
 }

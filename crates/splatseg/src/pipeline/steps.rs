@@ -298,6 +298,11 @@ impl Pipeline {
         self.poses.keyframes()
     }
 
+    /// The keyframe of this number as it is now; `None` if there is no such one.
+    pub fn keyframe(&self, id: KeyframeId) -> Option<KeyframePlace> {
+        self.poses.keyframe(id)
+    }
+
     /// Log of every object seen so far.
     pub fn objects(&self) -> &ObjectLog {
         &self.objects
