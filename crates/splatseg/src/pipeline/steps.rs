@@ -233,6 +233,8 @@ impl Pipeline {
         if !recognised.is_empty() {
             self.names.remap(recognised);
             self.history.remap(recognised);
+            // Told even if naming fails: log, names and map have changed.
+            self.unreported.remapped.extend(recognised);
         }
         let seen_at = self.seen_at.take().or(frame.whole.timestamp());
         let stamp = seen_at.map(|time| time.as_secs_f64());
@@ -243,7 +245,6 @@ impl Pipeline {
             named.map_err(|source| PipelineError::Namer { frame: frame.whole.name().to_owned(), source })?;
             result.times.add("name", time);
         }
-        self.unreported.remapped.extend(recognised);
         let Unreported { remapped, events, doubts } = std::mem::take(&mut self.unreported);
         (result.remapped, result.events, result.doubts) = (remapped, events, doubts);
         Ok(result)

@@ -1,9 +1,10 @@
 //! A segmenter, a namer and a kind of memory of another crate are chosen by their names, as the built-in ones are.
 
 use splatseg::dataset::{FrameStream, GroundTruth, open_scene};
+use splatseg::geometry::{RemappedId, RgbdFrame};
 use splatseg::memory::{
-    LearningStats, MemoryError, MemoryKindDefinition, MemoryRules, NewGaussian, Recall, SegmentStore, StoreTile,
-    TileSurface, register_memory_kind,
+    LearningStats, MemoryError, MemoryKindDefinition, MemoryRules, NewGaussian, Recall, SegmentStore, SplatMemory,
+    StoreTile, TileSurface, register_memory_kind,
 };
 use splatseg::objects::ObjectName;
 use splatseg::parts::{Namer, ObjectToName, PartContext, PartError, PartFile, PartFiles, PartSection, RegisterError};
@@ -14,6 +15,7 @@ use splatseg::settings::{
     SegmenterSettings, SettingsError, SettingsLayers, TrackerSettings, describe_settings, entries, register_namer,
     register_segmenter, register_tracker,
 };
+use splatseg::tracking::{FastSamSplat, FastSamSplatSettings, FrameOutput, Method, TrackingError};
 use splatseg::{
     CameraFrame, Mask, Pipeline, ScoredMask, SegmentId, SegmentMap, Segmentation, Segmenter, Settings, Tracker,
 };
@@ -85,11 +87,14 @@ impl PartSection<dyn Namer> for SameNameSettings {
     const HELP: &'static str = "Calls every object the same";
 
     fn build(&self, _: &PartFiles, _: &PartContext<'_>) -> Result<Box<dyn Namer>, PartError> {
-        Ok(Box::new(SameName(self.label.clone())))
+        Ok(Box::new(SameName { label: self.label.clone(), calls: 0 }))
     }
 }
 
-struct SameName(String);
+struct SameName {
+    label: String,
+    calls: usize,
+}
 
 impl Namer for SameName {
     fn name(&self) -> &str {
@@ -97,8 +102,10 @@ impl Namer for SameName {
     }
 
     fn name_object(&mut self, _: ObjectToName<'_>) -> Result<ObjectName, Box<dyn Error + Send + Sync>> {
-        match self.0.as_str() {
+        self.calls += 1;
+        match self.label.as_str() {
             "nothing" => Err("no words".into()),
+            "nothing at first" if self.calls == 1 => Err("no words".into()),
             label => Ok(ObjectName { label: Some(label.to_owned()), embedding: Vec::new(), ..ObjectName::default() }),
         }
     }
@@ -177,6 +184,49 @@ fn they_segment_and_remember() {
         assert!(!result.output.segments.areas().is_empty());
     }
     assert!(pipeline.memory().unwrap().gaussian_count() > 0);
+}
+
+/// A method that says in each frame that one more id is the object 1.
+struct Recognising {
+    method: FastSamSplat,
+    frames: u32,
+}
+
+impl Method for Recognising {
+    fn name(&self) -> &str {
+        "recognising"
+    }
+
+    fn process(&mut self, frame: &RgbdFrame, found: &Segmentation) -> Result<FrameOutput, TrackingError> {
+        let mut output = self.method.process(frame, found)?;
+        output.update.remapped.push(RemappedId { from: 900 + self.frames, into: 1 });
+        self.frames += 1;
+        Ok(output)
+    }
+
+    fn memory(&self) -> Option<&SplatMemory> {
+        self.method.memory()
+    }
+}
+
+#[test]
+fn ids_that_were_recognised_in_a_frame_whose_namer_failed_are_told_with_the_next() {
+    let settings = resolve(&["namer=same-name", "same_name.label=nothing at first"]).unwrap();
+    let method = FastSamSplat::new(FastSamSplatSettings::default(), 0, &mut |_| {}).unwrap();
+    let method = Box::new(Recognising { method, frames: 0 });
+    let mut pipeline = Pipeline::builder(&settings).method(method).build().unwrap();
+    let scene = open_scene("synthetic:frames=3,width=96,height=72", &settings.dataset).unwrap();
+    let (mut failures, mut told) = (0, Vec::new());
+    for index in 0..3 {
+        match pipeline.step(&scene.read_frame(index).unwrap()) {
+            Ok(result) => told.extend(result.remapped.into_iter().map(|remapped| remapped.from)),
+            Err(error) => {
+                assert!(matches!(error, PipelineError::Namer { .. }), "{error}");
+                failures += 1;
+            }
+        }
+    }
+    assert_eq!((failures, told), (1, vec![900, 901, 902]));
 }
 
 #[test]
