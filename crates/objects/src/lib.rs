@@ -32,7 +32,7 @@ pub use names::{LabelScore, NameError, ObjectName, ObjectNames};
 pub use object_view::ObjectView;
 pub use relations::{Relation, RelationKind, relations, relations_of};
 pub use remap_log::RemapLog;
-pub use room_names::{RoomName, RoomNameSource, RoomNames};
+pub use room_names::{RoomName, RoomNameSource, RoomNames, moved_with_nearest};
 pub use scene_graph::{LastSeen, SceneGraph, SceneObject, SceneRoom};
 pub use seen::{SeenObjects, Sightings};
 pub use seen_times::{SeenTime, SeenTimes};

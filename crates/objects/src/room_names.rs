@@ -18,6 +18,14 @@ pub struct RoomName {
     pub name: String,
 }
 
+/// The place to which a correction of the map moves a place, world coordinates, metres: as the keyframe whose camera was
+/// nearest. `cameras` are at world coordinates before the correction; without any, the place stays.
+pub fn moved_with_nearest(correction: &MapCorrection, cameras: &[(KeyframeId, DVec3)], place: DVec3) -> DVec3 {
+    let distance = |(_, camera): &&(KeyframeId, DVec3)| camera.distance_squared(place);
+    let nearest = cameras.iter().min_by(|one, other| distance(one).total_cmp(&distance(other)));
+    nearest.map_or(place, |(keyframe, _)| correction.moved(*keyframe, place))
+}
+
 /// Who has named a room.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -70,11 +78,7 @@ impl RoomNames {
     /// Moves each place with the keyframe whose camera, at these world coordinates before the correction, was nearest.
     pub fn correct(&mut self, correction: &MapCorrection, cameras: &[(KeyframeId, DVec3)]) {
         for named in &mut self.names {
-            let distance = |(_, camera): &&(KeyframeId, DVec3)| camera.distance_squared(named.place);
-            let nearest = cameras.iter().min_by(|one, other| distance(one).total_cmp(&distance(other)));
-            if let Some((keyframe, _)) = nearest {
-                named.place = correction.moved(*keyframe, named.place);
-            }
+            named.place = moved_with_nearest(correction, cameras, named.place);
         }
     }
 

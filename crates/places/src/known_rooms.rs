@@ -11,7 +11,8 @@ use crate::FloorPlan;
 use crate::outline::outlines;
 use glam::{DVec2, DVec3};
 use splatseg_files::{StateBlock, StateError};
-use splatseg_geometry::SegmentId;
+use splatseg_geometry::{KeyframeId, MapCorrection, SegmentId};
+use splatseg_objects::moved_with_nearest;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The rooms of earlier plans of a map: the middle of each, world coordinates, metres. They stay known if a later plan does
@@ -25,6 +26,13 @@ impl KnownRooms {
     /// True if no plan had a room.
     pub fn is_empty(&self) -> bool {
         self.middles.is_empty()
+    }
+
+    /// Moves each room with the keyframe whose camera, at these world coordinates before the correction, was nearest.
+    pub fn correct(&mut self, correction: &MapCorrection, cameras: &[(KeyframeId, DVec3)]) {
+        for middle in self.middles.values_mut() {
+            *middle = moved_with_nearest(correction, cameras, *middle);
+        }
     }
 
     /// The rooms as arrays, to be saved; none without rooms.

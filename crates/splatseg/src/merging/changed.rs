@@ -3,7 +3,7 @@
 use super::MergeError;
 use glam::DVec3;
 use rayon::prelude::*;
-use splatseg_geometry::{MapCorrection, MapView, Pose, RemappedId, SegmentId};
+use splatseg_geometry::{KeyframeId, MapCorrection, MapView, Pose, RemappedId, SegmentId};
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{DepthView, MapChanges, ObservedMap, PlaceSight, place_sights};
 use splatseg_odometry::{KeyframeView, PoseSourceError, keyframe_views};
@@ -26,17 +26,28 @@ pub(super) struct Changed {
     pub(super) seen_through: [u32; 2],
 }
 
+/// The keyframes of a map, before and after a correction.
+pub(super) struct CorrectedViews {
+    /// Their views after it.
+    pub(super) views: Vec<DepthView>,
+    /// The places of their cameras before it, world coordinates, metres.
+    pub(super) cameras: Vec<(KeyframeId, DVec3)>,
+}
+
 /// The views of a map's keyframes after a correction, without those of a map that it continues, if it does.
 pub(super) fn views(
     keyframes: &[u8],
     known: Option<&[u8]>,
     correction: &MapCorrection,
-) -> Result<Vec<DepthView>, PoseSourceError> {
+) -> Result<CorrectedViews, PoseSourceError> {
+    let camera = |view: &KeyframeView| (view.id, view.world_from_camera.translation());
     let view = |view: KeyframeView| {
         let motion = correction.new_from_old.get(&view.id).copied().unwrap_or(Pose::IDENTITY);
         DepthView { world_from_camera: motion * view.world_from_camera, intrinsics: view.intrinsics, depth: view.depth }
     };
-    Ok(keyframe_views(keyframes, known)?.into_iter().map(view).collect())
+    let views = keyframe_views(keyframes, known)?;
+    let cameras = views.iter().map(camera).collect();
+    Ok(CorrectedViews { views: views.into_iter().map(view).collect(), cameras })
 }
 
 impl Changed {

@@ -57,9 +57,12 @@ pub fn merge_maps(earlier: NamedMap, later: NamedMap, options: &MergeOptions) ->
     let JoinedKeyframes { keyframes, first_later, fit, .. } = &joined;
     earlier.memory.correct(&joined.earlier);
     later.memory.correct(&joined.later);
-    let views = [views(&of_earlier, None, &joined.earlier)?, views(&of_later, Some(&of_earlier), &joined.later)?];
+    let earlier_views = views(&of_earlier, None, &joined.earlier)?;
+    let later_views = views(&of_later, Some(&of_earlier), &joined.later)?;
+    earlier.names.rooms_mut().correct(&joined.earlier, &earlier_views.cameras);
+    earlier.history.rooms.correct(&joined.earlier, &earlier_views.cameras);
     let ids = ObjectIds::new(&earlier, &later);
-    let changed = Changed::new(&earlier.memory, &later.memory, views);
+    let changed = Changed::new(&earlier.memory, &later.memory, [earlier_views.views, later_views.views]);
     if options.earlier_from_later.is_none() {
         changed.require_agreement(fit.earlier_from_later)?;
     }

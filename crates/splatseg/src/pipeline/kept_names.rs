@@ -5,12 +5,10 @@ use super::frame_gate::ClosedGate;
 use super::naming_beside::NamingBeside;
 use crate::names::ClipNames;
 use crate::parts::Namer;
-use glam::DVec3;
-use splatseg_geometry::{CameraFrame, KeyframeId, MapCorrection, Pose, RemappedId};
+use splatseg_geometry::{CameraFrame, RemappedId};
 use splatseg_memory::SplatMemory;
 use splatseg_objects::{KeptViews, ObjectNames, ViewedFrame};
-use splatseg_odometry::{KeyframePlace, PoseState};
-use std::collections::BTreeMap;
+use splatseg_odometry::PoseState;
 use std::sync::{Arc, Mutex};
 
 /// A namer, also for the thread that names objects beside the frames.
@@ -51,23 +49,6 @@ impl KeptNames {
         if let Some(beside) = &mut self.beside {
             remapped.iter().flat_map(|remapped| [remapped.from, remapped.into]).for_each(|id| beside.forget(id));
         }
-    }
-
-    /// Moves the places of named rooms with the map. `keyframes` have their corrected poses.
-    pub(super) fn correct(
-        &mut self,
-        correction: &MapCorrection,
-        keyframes: impl FnOnce() -> BTreeMap<KeyframeId, KeyframePlace>,
-    ) {
-        if self.names.rooms().is_empty() {
-            return;
-        }
-        let camera = |(id, place): (KeyframeId, KeyframePlace)| {
-            let old_from_new = correction.new_from_old.get(&id).map_or(Pose::IDENTITY, Pose::inverse);
-            (id, (old_from_new * place.world_from_keyframe).translation())
-        };
-        let cameras: Vec<(KeyframeId, DVec3)> = keyframes().into_iter().map(camera).collect();
-        self.names.rooms_mut().correct(correction, &cameras);
     }
 
     /// Keeps the views of a frame, and forgets what the ids of new objects stood for.

@@ -5,6 +5,7 @@
 
 mod background;
 mod builder;
+mod corrected_rooms;
 mod enlarging;
 mod error;
 mod frame_gate;

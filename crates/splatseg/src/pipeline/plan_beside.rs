@@ -18,8 +18,11 @@ const REST: u32 = 9;
 /// Without new keyframes, a plan is made anew after this many intervals with frames: things may have moved.
 const WITHOUT_NEWS: u32 = 6;
 
+/// A finished plan.
+type MadePlaces = Result<MapPlaces, PoseSourceError>;
+
 /// A finished plan, and the time that it took.
-type Made = (Result<MapPlaces, PoseSourceError>, Duration);
+type Made = (MadePlaces, Duration);
 
 /// Makes plans of a pipeline's map.
 pub struct PlanBeside {
@@ -58,7 +61,7 @@ impl PlanBeside {
     /// when keyframes were added or corrected, and otherwise after six intervals with frames. The pipeline gets the
     /// numbers of the rooms. To be called between two frames, always with the same pipeline.
     pub fn step(&mut self, pipeline: &mut Pipeline, is_wanted: bool) -> Option<Result<MapPlaces, PoseSourceError>> {
-        let made = self.finished(false).map(|made| with_rooms(pipeline, made));
+        let made = self.finished(false).map(|made| self.with_rooms(pipeline, made));
         if is_wanted && self.work.is_none() && Instant::now() >= self.next && self.has_news(pipeline) {
             self.begin(pipeline);
         }
@@ -68,13 +71,13 @@ impl PlanBeside {
     /// The plan of the map as it is now, made by the caller's threads after those under way; `None` if there was nothing new
     /// since the latest one.
     pub fn last(&mut self, pipeline: &mut Pipeline) -> Option<Result<MapPlaces, PoseSourceError>> {
-        let made = self.finished(true).map(|made| with_rooms(pipeline, made));
+        let made = self.finished(true).map(|made| self.with_rooms(pipeline, made));
         if pipeline.objects().frames() == self.frames && self.begun.is_some() {
             return made;
         }
         self.note_begin(pipeline);
         let Some(input) = pipeline.plan_input() else { return made };
-        Some(with_rooms(pipeline, input.places(self.settings)))
+        Some(self.with_rooms(pipeline, input.places(self.settings)))
     }
 
     fn has_news(&self, pipeline: &Pipeline) -> bool {
@@ -103,7 +106,7 @@ impl PlanBeside {
         self.work = Some(receive);
     }
 
-    fn finished(&mut self, wait: bool) -> Option<Result<MapPlaces, PoseSourceError>> {
+    fn finished(&mut self, wait: bool) -> Option<MadePlaces> {
         let work = self.work.as_ref()?;
         let made = if wait { work.recv().map_err(|_| TryRecvError::Disconnected) } else { work.try_recv() };
         match made {
@@ -119,12 +122,12 @@ impl PlanBeside {
             }
         }
     }
-}
 
-/// Gives the pipeline the rooms of a plan.
-fn with_rooms(pipeline: &mut Pipeline, made: Result<MapPlaces, PoseSourceError>) -> Result<MapPlaces, PoseSourceError> {
-    if let Ok(places) = &made {
-        pipeline.set_rooms(places.rooms.clone());
+    /// Gives the pipeline the rooms of the latest plan that was begun.
+    fn with_rooms(&self, pipeline: &mut Pipeline, made: MadePlaces) -> MadePlaces {
+        if let Ok(places) = &made {
+            pipeline.set_rooms_of_plan(places.rooms.clone(), &self.keyframes);
+        }
+        made
     }
-    made
 }

@@ -191,7 +191,7 @@ impl Pipeline {
         let (update, time) = timed(|| in_thread_pool(|| self.poses.pose(frame.working(), input)));
         let PoseUpdate { pose, anchor, correction, events, doubts, turn } = update?;
         if let Some(correction) = &correction {
-            self.names.correct(correction, || self.poses.keyframes());
+            self.correct_rooms(correction);
         }
         let remapped = correction.map_or_else(Vec::new, |correction| self.method.correct_map(&correction));
         if !remapped.is_empty() {

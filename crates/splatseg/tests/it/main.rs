@@ -1,5 +1,6 @@
 //! The integration tests of this crate, in one program: it is linked once.
 
+mod corrected_rooms;
 mod failing_segmenter;
 mod late_results;
 mod lost_camera;
