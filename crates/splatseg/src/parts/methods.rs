@@ -30,11 +30,6 @@ choices! {
 }
 
 impl MethodName {
-    /// Returns true if the method uses a tracker.
-    pub fn has_tracker(self) -> bool {
-        matches!(self, Self::Sam2 | Self::Sam2Splat)
-    }
-
     /// Returns true if the method has a splat memory.
     pub fn has_memory(self) -> bool {
         matches!(self, Self::FastsamSplat | Self::Sam2Splat)
