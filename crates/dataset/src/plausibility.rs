@@ -190,13 +190,24 @@ fn intrinsics_warnings(intrinsics: &Intrinsics) -> Vec<String> {
     warnings
 }
 
+/// Returns how many times as large as its own the image is whose middle the principal point is; `None` if that differs along
+/// the sides.
+pub(crate) fn size_factor(intrinsics: &Intrinsics) -> Option<f32> {
+    let [across, down] = size_factors(intrinsics);
+    ((across / down - 1.0).abs() < SAME_SIZE_FACTOR).then_some((across + down) / 2.0)
+}
+
+fn size_factors(&Intrinsics { cx, cy, width, height, .. }: &Intrinsics) -> [f32; 2] {
+    [(2.0 * cx + 1.0) / width as f32, (2.0 * cy + 1.0) / height as f32]
+}
+
 /// Returns a warning about a principal point that is far from the middle of the image.
 fn principal_point_warning(intrinsics: &Intrinsics) -> Option<String> {
     let Intrinsics { cx, cy, width, height, .. } = *intrinsics;
     let (across, down) = (width as f32, height as f32);
     let off = [(cx + 0.5) / across, (cy + 0.5) / down].map(|place| (place - 0.5).abs());
-    let size_factors = [(2.0 * cx + 1.0) / across, (2.0 * cy + 1.0) / down];
-    let is_scaled = (size_factors[0] / size_factors[1] - 1.0).abs() < SAME_SIZE_FACTOR;
+    let size_factors = size_factors(intrinsics);
+    let is_scaled = size_factor(intrinsics).is_some();
     let factor = (size_factors[0] + size_factors[1]) / 2.0;
     let is_of_half = HALF_SIZE.contains(&size_factors[0]) && HALF_SIZE.contains(&size_factors[1]);
     let is_far = off.iter().any(|off| *off > MAX_OFF_CENTER);

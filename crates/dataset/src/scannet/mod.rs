@@ -2,10 +2,12 @@
 //!
 //! Frames are those of the depth camera. Colour with another size or camera (ScanNet: 1296x968, with 640x480 depth) is
 //! resampled to it, and labels by nearest neighbour. Both are unchanged if the cameras are the same. The few
-//! millimetres between ScanNet's cameras are ignored, as is usual.
+//! millimetres between ScanNet's cameras are ignored, as is usual. Programs that export smaller images leave the cameras as
+//! they were, also ScanNet's own `SensorData.py`: such a camera is scaled to its images.
 
 mod exported;
 mod labels;
+mod resized_images;
 mod sens;
 mod sens_file;
 
@@ -16,12 +18,18 @@ pub(crate) use sens::{LAYOUT as SENS_LAYOUT, looks_like as looks_like_sens};
 
 use crate::DatasetError;
 use crate::own_camera::{OwnCamera, camera_place};
+use crate::plausibility::check_intrinsics;
 use crate::resample::{ImageMap, resample_color, resample_labels};
 use crate::text::PinholeMatrix;
+use resized_images::at_size;
 use splatseg_geometry::{Image, Intrinsics, SegmentMap};
 use std::path::{Path, PathBuf};
 
-/// One of a scene's cameras and the file that describes it.
+/// Sizes of ScanNet's images, `(width, height)`.
+const COLOR_SIZE: (usize, usize) = (1296, 968);
+const DEPTH_SIZE: (usize, usize) = (640, 480);
+
+/// One of a scene's cameras and the file that describes it, or its part of one.
 #[derive(Clone, Debug)]
 struct Camera {
     matrix: PinholeMatrix,
@@ -46,7 +54,7 @@ impl Cameras {
     ) -> Result<(Intrinsics, Intrinsics), DatasetError> {
         match self {
             Self::Recorded { color, depth } => {
-                Ok((color.matrix.for_size(color_size, &color.path)?, depth.matrix.for_size(depth_size, &depth.path)?))
+                Ok((at_size(color, color_size, COLOR_SIZE)?, at_size(depth, depth_size, DEPTH_SIZE)?))
             }
             Self::Own(camera) => {
                 let camera = camera.intrinsics(color_size);
@@ -77,6 +85,10 @@ impl Cameras {
         depth: (usize, usize),
     ) -> Result<(Intrinsics, Image<[u8; 3]>), DatasetError> {
         let (color_camera, depth_camera) = self.intrinsics(color.size(), depth)?;
+        if let Self::Recorded { color, .. } = self {
+            // That of depth is the frame's, which is checked like all others.
+            check_intrinsics(&color_camera, &|_| color.path.clone())?;
+        }
         let map = ImageMap::between_cameras(&color_camera, &depth_camera);
         let color = if map.is_identity() { color } else { resample_color(&color, &map) };
         Ok((depth_camera, color))

@@ -88,7 +88,7 @@ impl SensScene {
 fn recorded_cameras(header: &SensHeader, path: &Path) -> Result<Cameras, DatasetError> {
     let camera = |numbers: &[f32; 16], what| -> Result<Camera, DatasetError> {
         let matrix = PinholeMatrix::from_numbers(&numbers.map(f64::from), path, what)?;
-        Ok(Camera { matrix, path: path.to_owned() })
+        Ok(Camera { matrix, path: format!("{}: {what}", path.display()).into() })
     };
     Ok(Cameras::Recorded {
         color: camera(&header.color_intrinsics, "intrinsics of colour")?,

@@ -1,5 +1,6 @@
 //! Exported ScanNet scenes, whole and damaged.
 
+use crate::support::warnings::with_warnings;
 use crate::support::*;
 use splatseg_dataset::{DatasetError, DatasetSettings, LeftOut, ScannetScene, Scene, open_scene};
 use std::fs;
@@ -38,6 +39,43 @@ fn colour_and_labels_of_another_size_are_brought_to_the_depth_camera() {
     let labels = scene.read_ground_truth(0).unwrap().unwrap();
     assert_eq!(labels.size(), (40, 30));
     assert_eq!((labels[(19, 5)], labels[(20, 5)]), (1, 2));
+}
+
+#[test]
+fn cameras_of_the_images_before_they_were_made_smaller_are_scaled() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scannet(folder.path(), 2, &ScannetSizes { labels: (80, 60), color: (80, 60), depth: (40, 30) });
+    let read = || ScannetScene::open(folder.path(), &DatasetSettings::default()).unwrap().read_frame(1);
+    let expected = read().unwrap();
+    let matrix = |part: &str, (width, height): (usize, usize), center: usize| {
+        let text = format!("{width} 0 {center} 0\n0 {height} {} 0\n0 0 1 0\n0 0 0 1\n", center * height / width);
+        fs::write(folder.path().join(format!("intrinsic/intrinsic_{part}.txt")), text).unwrap();
+    };
+    matrix("color", (1296, 972), 647);
+    matrix("depth", (640, 480), 320);
+    let (found, told) = with_warnings(read);
+    let found = found.unwrap();
+    assert!(found.intrinsics().width == 40 && (found.intrinsics().fx - 40.0).abs() < 0.1, "{:?}", found.intrinsics());
+    let differs =
+        |(one, other): (&[u8; 3], &[u8; 3])| one.iter().zip(other).any(|(one, other)| one.abs_diff(*other) > 3);
+    assert!(!found.color().pixels().iter().zip(expected.color().pixels()).any(differs));
+    assert!(
+        told[0].contains("intrinsic_color.txt: the principal point (647, 485) is the middle of images of 1296x968")
+    );
+    assert!(told[1].contains("intrinsic_depth.txt: ") && told[1].contains("640x480 pixels, and these have 40x30"));
+    // The labels have the size of colour.
+    let scene = ScannetScene::open(folder.path(), &DatasetSettings::default()).unwrap();
+    let labels = scene.read_ground_truth(0).unwrap().unwrap();
+    assert_eq!((labels[(18, 5)], labels[(21, 5)]), (1, 2));
+    matrix("color", (100, 75), 5);
+    let (_, told) = with_warnings(read);
+    assert!(
+        told.iter().any(|told| told.contains("intrinsic_color.txt: the principal point (5, 3) is far")),
+        "{told:?}"
+    );
+    matrix("color", (1_000_000, 750_000), 40);
+    let error = read().unwrap_err().to_string();
+    assert!(error.contains("intrinsic_color.txt: focal lengths: found 1e6 and 7.5e5 pixels"), "{error}");
 }
 
 #[test]
