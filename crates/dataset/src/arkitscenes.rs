@@ -9,6 +9,7 @@ use crate::depth_scale::DepthScale;
 use crate::files::is_there;
 use crate::frame_list::{FrameList, FrameListScene, ListedFrame, PlainFiles, StatedPoses};
 use crate::listing::{folder_name, names_in, no_frames_in};
+use crate::recorded_poses::no_common_time;
 use crate::scene::LeftOut;
 use crate::text::{read_text_with_numbers, shortened};
 use crate::tum::nearest_time;
@@ -62,7 +63,8 @@ impl TimedPose {
 /// Lists the frames and reads their cameras. Uses only `fx` to `cy`, `depth_scale` and those about poses of `settings`.
 ///
 /// # Errors
-/// If there are no frames with colour, depth and a camera, or a text file is damaged.
+/// If there are no frames with colour, depth and a camera, a text file is damaged, or no pose of the trajectory is near a
+/// frame.
 pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListScene, DatasetError> {
     settings.validate()?;
     let folder = frames_folder(path);
@@ -77,7 +79,8 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
         }
     }
     let trajectory = folder.join(TRAJECTORY);
-    let poses = if is_there(&trajectory) { read_trajectory(&trajectory)? } else { Vec::new() };
+    let states_poses = is_there(&trajectory);
+    let poses = if states_poses { read_trajectory(&trajectory)? } else { Vec::new() };
     let reader = ListReader {
         times: poses.iter().map(|pose| pose.seconds).collect(),
         poses,
@@ -101,6 +104,9 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
         });
     }
     frames.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    if states_poses {
+        reader.require_common_time(&frames.iter().map(|(seconds, _)| *seconds).collect::<Vec<_>>())?;
+    }
     let left_out = LeftOut::list([
         (color.len() - paired.len(), format!("without an image in {DEPTH}")),
         (depth.len() - paired.len(), format!("without an image in {COLOR}")),
@@ -111,6 +117,7 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
         format: Format::ArkitScenes,
         frames: frames.into_iter().map(|(_, frame)| frame).collect(),
         left_out,
+        states_poses,
         files: Box::new(PlainFiles { depth_scale: DepthScale::MILLIMETRES.or_of(settings), _extracted: None }),
     };
     FrameListScene::new(list, settings)
@@ -128,6 +135,19 @@ struct ListReader<'a> {
 }
 
 impl ListReader<'_> {
+    /// Checks that a pose of the trajectory is that of any frame. Both are sorted by time.
+    fn require_common_time(&self, image_times: &[f64]) -> Result<(), DatasetError> {
+        match image_times.iter().any(|seconds| self.pose_at(*seconds).is_some()) {
+            true => Ok(()),
+            false => Err(no_common_time(&self.trajectory, &self.times, image_times)),
+        }
+    }
+
+    /// Returns the pose of a frame, if there is one near its time.
+    fn pose_at(&self, seconds: f64) -> Option<&TimedPose> {
+        self.poses.get(nearest_time(&self.times, seconds, MAX_SECONDS_APART)?)
+    }
+
     /// Returns a frame; `None` if it has no camera.
     fn frame(&self, name: &str, seconds: f64) -> Result<Option<ListedFrame>, DatasetError> {
         let file = |part: &str| self.folder.join(part).join(name);
@@ -141,7 +161,7 @@ impl ListReader<'_> {
             }
             None => return Ok(None),
         };
-        let pose = nearest_time(&self.times, seconds, MAX_SECONDS_APART).and_then(|index| self.poses.get(index));
+        let pose = self.pose_at(seconds);
         let pose_place = match pose {
             Some(pose) => PathBuf::from(format!("{}: line {}", self.trajectory.display(), pose.line)),
             None => self.trajectory.clone(),

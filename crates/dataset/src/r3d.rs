@@ -127,11 +127,13 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
         (color.len() - numbers.len(), "without depth".to_owned()),
         (depth.len() - numbers.len(), "without a colour image".to_owned()),
     ]);
+    reader.require_common_frames(&numbers)?;
     let frames = numbers.iter().map(|number| reader.frame(*number)).collect::<Result<_, _>>()?;
     let depth_scale = DepthScale::METRES.or_of(settings);
     let color_size = (metadata.w, metadata.h);
     let files = Box::new(R3dFiles { members, color_size, depth_size, depth_scale });
-    let list = FrameList { name: scene_name(path), format: Format::R3d, frames, left_out, files };
+    let states_poses = !metadata.poses.is_empty();
+    let list = FrameList { name: scene_name(path), format: Format::R3d, frames, left_out, states_poses, files };
     FrameListScene::new(list, settings)
 }
 
@@ -166,6 +168,21 @@ struct ListReader<'a> {
 }
 
 impl ListReader<'_> {
+    /// Checks that any frame has a pose, if there are poses. `numbers` are those of the frames, ascending.
+    fn require_common_frames(&self, numbers: &[usize]) -> Result<(), DatasetError> {
+        let poses = self.metadata.poses.len();
+        let first = numbers.first().copied().unwrap_or(0);
+        if poses == 0 || first < poses {
+            return Ok(());
+        }
+        Err(DatasetError::Field {
+            path: self.place.to_owned(),
+            field: "poses".to_owned(),
+            found: format!("those of frames 0 to {}", poses - 1),
+            expected: format!("those of the images, {first} to {}", numbers.last().copied().unwrap_or(0)),
+        })
+    }
+
     fn frame(&self, number: usize) -> Result<ListedFrame, DatasetError> {
         let member = |ending: &str| PathBuf::from(format!("{IMAGES}/{number}.{ending}"));
         let place = PathBuf::from(format!("{}: frame {number}", self.place.display()));

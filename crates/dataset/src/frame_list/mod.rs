@@ -49,6 +49,8 @@ pub(crate) struct FrameList {
     /// In order.
     pub(crate) frames: Vec<ListedFrame>,
     pub(crate) left_out: Vec<LeftOut>,
+    /// True if the recording states poses, though none may be usable: frames without one are counted then.
+    pub(crate) states_poses: bool,
     /// Reads the images.
     pub(crate) files: Box<dyn FrameFiles>,
 }
@@ -175,7 +177,7 @@ impl Scene for FrameListScene {
     }
 
     fn without_pose(&self) -> &[LeftOut] {
-        if self.has_poses() { self.poses.without_pose() } else { &[] }
+        if self.list.states_poses { self.poses.without_pose() } else { &[] }
     }
 
     fn world_up(&self) -> Option<DVec3> {

@@ -80,6 +80,7 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
         format: Format::Nerfstudio,
         frames: frames.collect::<Result<_, _>>()?,
         left_out,
+        states_poses: true,
         files: Box::new(PlainFiles { depth_scale, _extracted: None }),
     };
     FrameListScene::new(list, settings)

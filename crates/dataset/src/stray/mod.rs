@@ -50,7 +50,8 @@ const MAX_OFF_CENTER: f64 = 0.1;
 /// about poses of `settings`.
 ///
 /// # Errors
-/// If colour, depth or a camera is missing, no frame has colour and depth, or a text file is damaged.
+/// If colour, depth or a camera is missing, no frame has colour and depth, a text file is damaged, or all lines of
+/// `odometry.csv` are of other frames.
 pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListScene, DatasetError> {
     settings.validate()?;
     let depth_folder = path.join(DEPTH_FOLDER);
@@ -82,7 +83,8 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
     let (frames, left_out) = frames_of(path, images, depth, &reader)?;
     let depth_scale = DEPTH_SCALE.or_of(settings);
     let files = Box::new(PlainFiles { depth_scale, _extracted: extracted });
-    let list = FrameList { name: folder_name(path), format: Format::Stray, frames, left_out, files };
+    let (name, states_poses) = (folder_name(path), true);
+    let list = FrameList { name, format: Format::Stray, frames, left_out, states_poses, files };
     FrameListScene::new(list, settings)
 }
 
@@ -115,6 +117,7 @@ fn frames_of(
             expected: "colour and depth of the same number".to_owned(),
         });
     }
+    reader.require_common_frames(&frames)?;
     let left_out = LeftOut::list([
         (without_depth, "without a depth image of the same number".to_owned()),
         (depth.len(), "without a colour image of the same number".to_owned()),
@@ -164,6 +167,25 @@ impl ListReader<'_> {
             world_from_camera,
             pose_place: place,
             camera_place,
+        })
+    }
+
+    /// Checks that `odometry.csv` has a line for any frame, unless it has none at all.
+    fn require_common_frames(&self, frames: &[ListedFrame]) -> Result<(), DatasetError> {
+        let numbers = || frames.iter().filter_map(|frame| frame.name.parse().ok());
+        let Some((first, last)) = self.odometry.range() else { return Ok(()) };
+        if numbers().any(|number| self.odometry.line(number).is_some()) {
+            return Ok(());
+        }
+        Err(DatasetError::Field {
+            path: self.odometry_path.clone(),
+            field: "frames".to_owned(),
+            found: format!("{first} to {last}"),
+            expected: format!(
+                "those of the images, {} to {}; with only its first line, the scene has no poses",
+                numbers().min().unwrap_or(0),
+                numbers().max().unwrap_or(0)
+            ),
         })
     }
 

@@ -58,6 +58,11 @@ impl Odometry {
         Ok(Self { lines: parsed.collect::<Result<_, _>>()? })
     }
 
+    /// Returns the lowest and the highest number of a frame; `None` if there are no lines.
+    pub(super) fn range(&self) -> Option<(u64, u64)> {
+        Some((*self.lines.first_key_value()?.0, *self.lines.last_key_value()?.0))
+    }
+
     /// Returns the line of a frame.
     pub(super) fn line(&self, frame: u64) -> Option<&OdometryLine> {
         self.lines.get(&frame)

@@ -80,7 +80,14 @@ fn what_is_missing_is_told() {
     fs::write(folder.path().join("lowres_wide.traj"), "1 2 3 4 5 6 7\n1 2 3\n").unwrap();
     let told = refused(folder.path());
     assert!(told.contains("lowres_wide.traj: line 2: found \"1 2 3\", expected 7 numbers"), "{told}");
-    fs::write(folder.path().join("lowres_wide.traj"), "").unwrap();
+    for (trajectory, found) in [("", "no pose"), ("6846.4 0 0 0 1 2 3\n6847 0 0 0 1 2 3\n", "6846.400 to 6847.000 s")] {
+        fs::write(folder.path().join("lowres_wide.traj"), trajectory).unwrap();
+        let told = refused(folder.path());
+        let expected =
+            format!("times of the poses: found {found}, expected those of the images, 6845.398 to 6845.398 s");
+        assert!(told.contains(&expected), "{told}");
+    }
+    fs::remove_file(folder.path().join("lowres_wide.traj")).unwrap();
     fs::write(folder.path().join("lowres_wide_intrinsics/47333462_6845.397.pincam"), "16 12 15 15").unwrap();
     let told = refused(folder.path());
     assert!(told.contains("found \"16 12 15 15\", expected 6 numbers: width height fx fy cx cy"), "{told}");
@@ -90,10 +97,18 @@ fn what_is_missing_is_told() {
 }
 
 #[test]
+fn lost_poses_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path());
+    let lost: String = TIMES.iter().map(|time| format!("{time} nan nan nan nan nan nan\n")).collect();
+    fs::write(folder.path().join("lowres_wide.traj"), lost).unwrap();
+    let scene = open_scene(folder.path(), &DatasetSettings::default()).unwrap();
+    assert_eq!((scene.has_poses(), scene.without_pose()[0].count), (false, 3));
+}
+
+#[test]
 fn damage_is_told() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path());
-    // An empty trajectory is a video without poses.
-    fs::remove_file(folder.path().join("lowres_wide.traj")).unwrap();
     assert_damage_is_told(folder.path(), folder.path());
 }

@@ -185,6 +185,19 @@ fn lost_tracking_and_missing_members_are_counted() {
 }
 
 #[test]
+fn poses_of_no_frame_are_told() {
+    let mut file = metadata();
+    file["poses"] = json!([file["poses"][0]]);
+    let mut members = members(&file);
+    members.retain(|(name, _)| name != "rgbd/0.depth");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("room.r3d");
+    fs::write(&path, zip_bytes(&members)).unwrap();
+    let told = refused(&path);
+    assert!(told.contains("poses: found those of frames 0 to 0, expected those of the images, 1 to 2"), "{told}");
+}
+
+#[test]
 fn wrong_values_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("room.r3d");

@@ -120,6 +120,19 @@ fn what_is_missing_is_told() {
 }
 
 #[test]
+fn poses_of_other_frames_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), "rgb", false);
+    fs::write(folder.path().join("odometry.csv"), odometry(false).replace(", 00000", ", 01000")).unwrap();
+    let told = refused(folder.path());
+    assert!(told.contains("odometry.csv: frames: found 10000 to 10002, expected those of the images, 0 to 2"), "{told}");
+    let head = odometry(false).lines().next().unwrap().to_owned();
+    fs::write(folder.path().join("odometry.csv"), head).unwrap();
+    let scene = open_scene(folder.path(), &DatasetSettings::default()).unwrap();
+    assert_eq!((scene.has_poses(), scene.without_pose()[0].count), (false, 3));
+}
+
+#[test]
 fn damage_is_told() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), "rgb", true);
