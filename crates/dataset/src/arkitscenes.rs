@@ -118,6 +118,7 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
         frames: frames.into_iter().map(|(_, frame)| frame).collect(),
         left_out,
         states_poses,
+        stored_color: None,
         files: Box::new(PlainFiles { depth_scale: DepthScale::MILLIMETRES.or_of(settings), _extracted: None }),
     };
     FrameListScene::new(list, settings)

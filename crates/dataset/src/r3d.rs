@@ -133,7 +133,7 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
     let color_size = (metadata.w, metadata.h);
     let files = Box::new(R3dFiles { members, color_size, depth_size, depth_scale });
     let states_poses = !metadata.poses.is_empty();
-    let list = FrameList { name: scene_name(path), format: Format::R3d, frames, left_out, states_poses, files };
+    let list = FrameList { name: scene_name(path), format: Format::R3d, frames, left_out, states_poses, stored_color: None, files };
     FrameListScene::new(list, settings)
 }
 

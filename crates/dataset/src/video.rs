@@ -40,10 +40,7 @@ fn open_with(program: &str, path: &Path, settings: &DatasetSettings) -> Result<F
     let scale = format!(
         "scale='trunc(iw*min(1,sqrt({area}/(iw*ih))))':-1:flags=area+accurate_rnd+bitexact,showinfo=checksum=0"
     );
-    let mut after: Vec<_> =
-        ["-map", "0:v:0", "-fps_mode", "passthrough", "-start_number", "0", "-q:v", "2", "-vf", &scale]
-            .map(Into::into)
-            .into();
+    let mut after: Vec<_> = ["-map", "0:v:0", "-q:v", "2", "-vf", &scale].map(Into::into).into();
     if let Some(most) = settings.max_frames {
         let needed = settings.start.saturating_add(most.saturating_mul(settings.stride));
         after.extend(["-frames:v".into(), needed.to_string().into()]);
@@ -56,9 +53,10 @@ fn open_with(program: &str, path: &Path, settings: &DatasetSettings) -> Result<F
         names: "%06d.jpg",
         instead: "images: install ffmpeg, or give a folder of the video's images",
     };
-    let (frames, messages) = extraction.run()?;
-    let times = times_in(&messages);
-    FolderScene::of_video(path, &poses_beside(path), frames, &times, settings)
+    let extracted = extraction.run()?;
+    extracted.warn_of_damage(path);
+    let times = times_in(&extracted.messages);
+    FolderScene::of_video(path, &poses_beside(path), extracted.folder, &times, settings)
 }
 
 /// The list of poses beside a video.

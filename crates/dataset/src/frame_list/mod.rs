@@ -51,6 +51,8 @@ pub(crate) struct FrameList {
     pub(crate) left_out: Vec<LeftOut>,
     /// True if the recording states poses, though none may be usable: frames without one are counted then.
     pub(crate) states_poses: bool,
+    /// Size of colour, `(width, height)`, where its images were made smaller when they were extracted.
+    pub(crate) stored_color: Option<(usize, usize)>,
     /// Reads the images.
     pub(crate) files: Box<dyn FrameFiles>,
 }
@@ -83,7 +85,7 @@ impl FrameListScene {
     /// Returns the camera of a colour image of `size` `(width, height)`.
     fn color_camera(&self, frame: &ListedFrame, size: (usize, usize)) -> Result<Intrinsics, DatasetError> {
         if let Some(own) = &self.own_camera {
-            return Ok(own.intrinsics(size));
+            return Ok(scaled(own.intrinsics(self.list.stored_color.unwrap_or(size)), size));
         }
         let stated = frame.camera.intrinsics;
         if !has_shape(size, (stated.width, stated.height)) {
@@ -197,7 +199,8 @@ impl Scene for FrameListScene {
     }
 
     fn stored_color_size(&self, index: usize) -> Option<(usize, usize)> {
-        self.list.files.color_size(self.list.frames.get(index)?).ok()
+        let frame = self.list.frames.get(index)?;
+        self.list.stored_color.or_else(|| self.list.files.color_size(frame).ok())
     }
 
     fn left_out(&self) -> &[LeftOut] {

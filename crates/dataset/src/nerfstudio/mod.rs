@@ -81,6 +81,7 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
         frames: frames.collect::<Result<_, _>>()?,
         left_out,
         states_poses: true,
+        stored_color: None,
         files: Box::new(PlainFiles { depth_scale, _extracted: None }),
     };
     FrameListScene::new(list, settings)

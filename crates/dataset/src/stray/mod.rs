@@ -13,7 +13,7 @@ use crate::depth_scale::DepthScale;
 use crate::error::COLOR_IMAGE;
 use crate::files::is_there;
 use crate::frame_list::{FrameList, FrameListScene, ListedFrame, PlainFiles, StatedPoses};
-use crate::listing::{NamePattern, NumberedFile, folder_name, no_frames_in, numbered_files};
+use crate::listing::{NamePattern, NumberedFile, folder_name, has_numbered_files, no_frames_in, numbered_files};
 use crate::own_camera::has_shape;
 use crate::scene::LeftOut;
 use crate::text::PinholeMatrix;
@@ -41,7 +41,7 @@ const CONFIDENCE: NamePattern = NamePattern { prefix: "", suffixes: &[".png"] };
 /// Millimetres in every file, as the app's own programs read them.
 const DEPTH_SCALE: DepthScale = DepthScale::of_every_number(1000.0);
 
-/// Size of the video, `(width, height)`.
+/// Usual size of the video, `(width, height)`.
 const VIDEO_SIZE: (usize, usize) = (1920, 1440);
 /// A principal point is less than this from the centre of its image, in image widths.
 const MAX_OFF_CENTER: f64 = 0.1;
@@ -60,17 +60,21 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
     let odometry = Odometry::read(&path.join(ODOMETRY))?;
     let matrix_path = path.join(MATRIX);
     let matrix = if is_there(&matrix_path) { Some(odometry::read_matrix(&matrix_path)?) } else { None };
-    let (color, extracted) = match COLOR_FOLDERS.iter().find(|name| path.join(name).is_dir()) {
-        Some(name) => (path.join(name), None),
+    let video = path.join(VIDEO);
+    let has_images = |name: &&&str| has_numbered_files(&path.join(name), COLOR);
+    let folder = COLOR_FOLDERS.iter().find(has_images);
+    // A folder may be left of an extraction that failed.
+    let empty = || COLOR_FOLDERS.iter().find(|name| path.join(name).is_dir() && !is_there(&video));
+    let (color, extracted, video_size) = match folder.or_else(empty) {
+        Some(name) => (path.join(name), None, None),
         None => {
-            let video = path.join(VIDEO);
-            let extracted = video::extract("ffmpeg", &video, crate::depth_file::depth_size(&first.path)?)?;
-            (extracted.path().to_owned(), Some(extracted))
+            let (extracted, size) = video::extract("ffmpeg", &video, crate::depth_file::depth_size(&first.path)?)?;
+            (extracted.path().to_owned(), Some(extracted), Some(size))
         }
     };
     let images = numbered_files(&color, COLOR)?;
     let Some(first) = images.first() else { return Err(no_frames_in(&color, "<number>.jpg or .png")) };
-    let color_size = image_size(&first.path, COLOR_IMAGE)?;
+    let color_size = video_size.map_or_else(|| image_size(&first.path, COLOR_IMAGE), Ok)?;
     let reader = ListReader {
         odometry: &odometry,
         matrix: matrix.as_ref().map(|matrix| (matrix, matrix_path.as_path())),
@@ -84,7 +88,8 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
     let depth_scale = DEPTH_SCALE.or_of(settings);
     let files = Box::new(PlainFiles { depth_scale, _extracted: extracted });
     let (name, states_poses) = (folder_name(path), true);
-    let list = FrameList { name, format: Format::Stray, frames, left_out, states_poses, files };
+    let list =
+        FrameList { name, format: Format::Stray, frames, left_out, states_poses, stored_color: video_size, files };
     FrameListScene::new(list, settings)
 }
 
@@ -130,6 +135,7 @@ struct ListReader<'a> {
     odometry: &'a Odometry,
     odometry_path: PathBuf,
     matrix: Option<(&'a PinholeMatrix, &'a Path)>,
+    /// Size of the images, or of the video that they are from, `(width, height)`.
     color_size: (usize, usize),
     /// The settings give a camera, so none has to be stated.
     has_own_camera: bool,
@@ -202,8 +208,8 @@ impl ListReader<'_> {
         Camera::pinhole(Intrinsics { fx, fy, cx, cy, width, height }, place)
     }
 
-    /// Returns the size of the images that a matrix belongs to: that of the images if the principal point is near their
-    /// centre, otherwise that of the video.
+    /// Returns the size of the images that a matrix belongs to: that of the images, or of their video, if the principal point
+    /// is near their centre, otherwise the usual one of videos.
     fn size_of(&self, matrix: &PinholeMatrix) -> (usize, usize) {
         let is_center = |(width, _): (usize, usize)| (f64::from(matrix.cx) / width as f64 - 0.5).abs() < MAX_OFF_CENTER;
         let is_of_video =
