@@ -71,7 +71,8 @@ struct FrameSpan {
 pub(super) struct FrameHeader {
     /// 4x4, row-major.
     pub(super) world_from_camera: [f32; 16],
-    /// Time of the colour image; `None` for 0, written by recorders that keep no time.
+    /// Time of the colour image; `None` for 0, written by recorders that keep no time. It is the time of the first frame if
+    /// the second one has a later time.
     pub(super) timestamp: Option<Duration>,
 }
 
@@ -90,6 +91,8 @@ pub(super) struct SensFile {
     frames: Vec<FrameSpan>,
     /// Number of frames in which tracking was lost.
     lost: usize,
+    /// True if the times of the first frames are 0 and later.
+    starts_at_zero: bool,
     /// Number of frames missing at the end, and the error.
     cut_off: Option<(u64, DatasetError)>,
     file: RandomAccessFile,
@@ -105,12 +108,16 @@ impl SensFile {
         let (header, frame_count) = first_pass.header()?;
         // The list grows with the frames present, because the number in the header may be wrong.
         let (mut frames, mut lost) = (Vec::new(), 0);
+        let mut first_times = Vec::new();
         let mut cut_off = None;
         for index in 0..frame_count {
             match first_pass.frame_span(index) {
-                Ok((span, is_tracked)) => {
+                Ok((span, is_tracked, microseconds)) => {
                     frames.push(span);
                     lost += usize::from(!is_tracked);
+                    if index < 2 {
+                        first_times.push(microseconds.min(1));
+                    }
                 }
                 Err(error @ DatasetError::EndsEarly { .. }) if index > 0 => {
                     cut_off = Some((frame_count - index, error));
@@ -119,7 +126,8 @@ impl SensFile {
                 Err(error) => return Err(error),
             }
         }
-        Ok(Self { path: path.to_owned(), header, frames, lost, cut_off, file: RandomAccessFile::new(file) })
+        let (path, file) = (path.to_owned(), RandomAccessFile::new(file));
+        Ok(Self { path, header, frames, lost, starts_at_zero: first_times == [0, 1], cut_off, file })
     }
 
     /// Returns the number of frames missing from a truncated recording, and the error for the first of them.
@@ -151,7 +159,8 @@ impl SensFile {
         let bytes = self.read(span.offset, FRAME_HEADER_BYTES as u64)?;
         let mut fields = Fields(&bytes);
         let (matrix, microseconds) = (fields.matrix(), fields.u64());
-        let timestamp = microseconds.filter(|time| *time > 0).map(Duration::from_micros);
+        let is_time = |time: &u64| *time > 0 || index == 0 && self.starts_at_zero;
+        let timestamp = microseconds.filter(is_time).map(Duration::from_micros);
         Ok(matrix.map(|world_from_camera| FrameHeader { world_from_camera, timestamp }))
     }
 
@@ -263,13 +272,14 @@ impl FirstPass<'_> {
         Ok((width as usize, height as usize))
     }
 
-    /// Finds the offset of the next frame and skips it. Also returns true if its pose is finite.
-    fn frame_span(&mut self, index: u64) -> Result<(FrameSpan, bool), DatasetError> {
+    /// Finds the offset of the next frame and skips it. Also returns true if its pose is finite, and its time in microseconds.
+    fn frame_span(&mut self, index: u64) -> Result<(FrameSpan, bool, u64), DatasetError> {
         let name = || format!("frame {index}");
         let offset = self.position;
         let bytes: [u8; FRAME_HEADER_BYTES] = self.take(name)?;
-        let is_tracked = Fields(&bytes).matrix().is_some_and(|matrix| matrix.iter().all(|entry| entry.is_finite()));
-        let mut fields = Fields(&bytes[FRAME_HEADER_BYTES - 16..]);
+        let mut fields = Fields(&bytes);
+        let is_tracked = fields.matrix().is_some_and(|matrix| matrix.iter().all(|entry| entry.is_finite()));
+        let (microseconds, _of_depth) = (fields.u64().unwrap_or(0), fields.u64());
         let (color_bytes, depth_bytes) = (fields.u64().unwrap_or(0), fields.u64().unwrap_or(0));
         for (what, found) in [("colour", color_bytes), ("depth", depth_bytes)] {
             if found > MAX_IMAGE_FILE_BYTES {
@@ -278,7 +288,7 @@ impl FirstPass<'_> {
             }
         }
         self.skip(color_bytes + depth_bytes, name)?;
-        Ok((FrameSpan { offset, color_bytes, depth_bytes }, is_tracked))
+        Ok((FrameSpan { offset, color_bytes, depth_bytes }, is_tracked, microseconds))
     }
 }
 

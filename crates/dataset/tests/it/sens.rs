@@ -140,6 +140,25 @@ fn a_frame_in_which_tracking_was_lost_has_no_pose() {
 }
 
 #[test]
+fn times_may_start_at_zero() {
+    let folder = tempfile::tempdir().unwrap();
+    let start = writer().header(0).len();
+    let frame = writer().recording(&frames()[..1]).len() - start - 8;
+    for (times, expected) in [([0, 33_000], [Some(0), Some(33_000)]), ([0, 0], [None, None]), ([7, 0], [Some(7), None])]
+    {
+        // Frames of one size.
+        let mut bytes = writer().recording(&[frames()[0]; 2]);
+        for (index, time) in times.into_iter().enumerate() {
+            let at = start + index * frame + 64;
+            bytes[at..at + 8].copy_from_slice(&u64::to_le_bytes(time));
+        }
+        let scene = SensScene::open(&write_sens(folder.path(), &bytes), &DatasetSettings::default()).unwrap();
+        let time = |index| scene.read_frame(index).unwrap().timestamp();
+        assert_eq!([time(0), time(1)], expected.map(|time| time.map(Duration::from_micros)));
+    }
+}
+
+#[test]
 fn folders_with_several_recordings_or_none_are_distinguished() {
     let folder = tempfile::tempdir().unwrap();
     for name in ["b.sens", "a.SENS"] {
