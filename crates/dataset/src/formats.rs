@@ -246,6 +246,11 @@ fn detected(path: &Path) -> Option<&'static FormatEntry> {
     (found.format != Format::Images || !is_part()).then_some(found)
 }
 
+/// Returns true if a path is a scene of a format that is detected. Reads no frame.
+pub fn is_scene(path: &Path) -> bool {
+    detected(path).is_some()
+}
+
 /// Returns false for a path whose format has no depth, so that it must be predicted, and for a recording whose depth is not
 /// read (`depth` is `none`). Reads no frame, and extracts none.
 pub fn has_depth(path: &Path, settings: &DatasetSettings) -> bool {

@@ -65,7 +65,7 @@ pub use depth_scale::whole_millimetres;
 pub use description::SceneDescription;
 pub use error::{DatasetError, FrameReadError};
 pub use format_names::{Format, FormatNameError};
-pub use formats::{has_depth, lacks_depth_topic, open_scene, supported_formats};
+pub use formats::{has_depth, is_scene, lacks_depth_topic, open_scene, supported_formats};
 pub use frame_source::{FrameSource, StreamedFrame};
 pub use framing::{Framing, ImageSize, ImageSizeTextError};
 pub use live::{CoordinateFrames, DropCounts, FrameMatcher, MatchCounts, MatchLimits, UndecodedFrame};

@@ -24,8 +24,8 @@ use std::path::PathBuf;
 
 #[derive(Debug, Args)]
 pub struct InspectArguments {
-    /// A recording (.mcap, .db3, .bag, .mkv of Azure Kinect, or a folder with one), a scene (a folder in any format of `run`,
-    /// or a .sens file), a folder with several of them, the results of a run, a map (.ply), or a checkpoint (.pt from
+    /// A recording (.mcap, .db3, .bag, .mkv of Azure Kinect, or a folder with one), a scene (a folder or file in any format of
+    /// `run`), a folder with several of them, the results of a run, a map (.ply), or a checkpoint (.pt from
     /// Ultralytics or Meta, or .safetensors)
     pub file: PathBuf,
     /// Also write the checkpoint as a .safetensors file, without a pickle; an existing file is not replaced

@@ -12,14 +12,10 @@ use std::time::Duration;
 
 /// The largest value of the setting: no image that can be read is downscaled.
 const MAX_PIXELS: usize = 67_108_864;
-/// Extension of ScanNet's files with a whole scene.
-const SENS: &str = "sens";
 
-/// Returns true if a path is that of a scene, not of a checkpoint.
+/// Returns true if a path is that of a scene, not of a checkpoint. Folders never are checkpoints.
 pub fn is_scene(path: &Path) -> bool {
-    !has_depth(path, &DatasetSettings::default())
-        || path.is_dir()
-        || path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(SENS))
+    path.is_dir() || splatseg_dataset::is_scene(path)
 }
 
 /// Returns true for a video without depth.

@@ -365,3 +365,20 @@ fn of_a_video_only_the_first_frame_is_decoded() {
     let described: Value = serde_json::from_str(&ended.out).unwrap();
     assert_eq!((&described["frames"], &described["has_depth"]), (&Value::Null, &Value::Bool(false)), "{described}");
 }
+
+#[test]
+fn a_file_that_is_a_scene_is_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    image::RgbImage::from_pixel(64, 48, image::Rgb([90, 80, 70])).save(path("a.png")).unwrap();
+    image::ImageBuffer::from_pixel(64, 48, image::Luma([1500_u16])).save(path("depth.png")).unwrap();
+    let matrix = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
+    let frame = json!({"file_path": "a.png", "depth_file_path": "depth.png", "transform_matrix": matrix});
+    let file = json!({"fl_x": 60, "cx": 32, "cy": 24, "w": 64, "h": 48, "frames": [frame]});
+    fs::write(path("transforms.json"), file.to_string()).unwrap();
+    let ended = inspect(&path("transforms.json"), &[]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    for line in ["format nerfstudio", "frames         1", "64x48", "1.50 to 1.50 m"] {
+        assert!(ended.out.contains(line), "{line}: {}", ended.out);
+    }
+}
