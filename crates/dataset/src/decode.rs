@@ -5,6 +5,7 @@ use crate::depth_scale::DepthScale;
 use crate::error::{COLOR_IMAGE, DEPTH_IMAGE, SEGMENT_IMAGE};
 use crate::files::{MemoryRequirement, read_file};
 use image::error::{DecodingError, ImageFormatHint};
+use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits};
 use splatseg_geometry::{Image, SegmentMap};
 use splatseg_jpeg::{Jpeg, JpegError};
@@ -91,6 +92,13 @@ pub(crate) fn encoded_size(path: &Path, what: &'static str, bytes: &[u8]) -> Res
         None => file.decoder()?.dimensions(),
     };
     Ok((width as usize, height as usize))
+}
+
+/// Returns how an image says that it is to be turned, from a file's bytes; not at all if it does not say, or cannot be read.
+pub(crate) fn orientation(path: &Path, bytes: &[u8]) -> Orientation {
+    let file = EncodedImage::new(path, COLOR_IMAGE, bytes);
+    let stated = file.ok().and_then(|file| file.decoder().ok()?.orientation().ok());
+    stated.unwrap_or(Orientation::NoTransforms)
 }
 
 /// Like [`read_color`], but from a file's bytes.

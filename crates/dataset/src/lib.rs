@@ -56,6 +56,7 @@ mod text;
 mod tum;
 mod undistort;
 mod unread_files;
+mod upright;
 mod video;
 
 pub use corrections::CorrectedPose;

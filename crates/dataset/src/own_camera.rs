@@ -5,9 +5,12 @@ use crate::error::COLOR_IMAGE;
 use crate::focal_length::{self, FocalLength};
 use crate::{DatasetError, DatasetSettings};
 use serde::Serialize;
-use splatseg_geometry::Intrinsics;
+use splatseg_geometry::{Image, Intrinsics};
 use splatseg_settings::SettingError;
 use std::path::{Path, PathBuf};
+
+/// Reads a colour image.
+pub(crate) type ReadColor = fn(&Path) -> Result<Image<[u8; 3]>, DatasetError>;
 
 /// The focal lengths and the principal point of the colour images, pixels of the stored images.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -77,10 +80,10 @@ impl GuessedCamera {
     /// So many deviations on each side hold the focal length in 19 of 20 cases.
     const DEVIATIONS: f64 = 1.96;
 
-    /// Guesses the camera of images of `size`, `(width, height)`, from the motion in them if it tells.
-    pub(crate) fn of_images(images: &[&Path], size: (usize, usize)) -> Self {
+    /// Guesses the camera of images of `size`, `(width, height)`, from the motion in them if it tells. `read` reads one.
+    pub(crate) fn of_images(images: &[&Path], size: (usize, usize), read: ReadColor) -> Self {
         // A damaged image is reported when its frame is read.
-        let read = |index: usize| read_color(images[index]).ok().filter(|color| color.size() == size);
+        let read = |index: usize| read(images[index]).ok().filter(|color| color.size() == size);
         Self::of(size, focal_length::estimated(images.len(), read))
     }
 
@@ -168,7 +171,7 @@ pub(crate) fn at_resolution(
 /// suggest a focal length.
 pub(crate) fn no_camera(path: &Path, file: &'static str, images: &[&Path]) -> DatasetError {
     let size = images.first().and_then(|image| image_size(image, COLOR_IMAGE).ok());
-    let estimate = size.map(|size| GuessedCamera::of_images(images, size)).filter(|guess| guess.estimated);
+    let estimate = size.map(|size| GuessedCamera::of_images(images, size, read_color)).filter(|guess| guess.estimated);
     DatasetError::NoCamera { path: path.to_owned(), file, estimate }
 }
 

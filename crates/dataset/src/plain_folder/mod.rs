@@ -17,7 +17,7 @@ use crate::depth_file::{DEPTH_ENDINGS, DEPTH_FILE_NAMES, read_depth};
 use crate::error::COLOR_IMAGE;
 use crate::files::is_there;
 use crate::listing::{folder_name, no_frames_in};
-use crate::own_camera::{GuessedCamera, OwnCamera, camera_place, no_camera};
+use crate::own_camera::{GuessedCamera, OwnCamera, ReadColor, camera_place, no_camera};
 use crate::recorded_poses::{LOST, PoseCoverage};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::undistort::Undistortion;
@@ -64,6 +64,8 @@ pub struct FolderScene {
     sources: Vec<String>,
     /// The camera, if nothing describes it.
     guessed: Option<GuessedCamera>,
+    /// Reads a colour image.
+    read_color: ReadColor,
     /// The frames of a video, removed with this.
     extracted: Option<TempDir>,
 }
@@ -89,9 +91,10 @@ impl FolderScene {
         let first_size = image_size(&first.color, COLOR_IMAGE).map(|size| (first.color.clone(), size));
         let (camera, size_from) = match camera {
             CameraSource::File(camera) => (camera, CAMERA_FILE),
-            CameraSource::Settings(own) => {
-                (FolderCamera::without_file(own.intrinsics(size_of_images(&frames)?), settings), "the first image")
-            }
+            CameraSource::Settings(own) => (
+                FolderCamera::without_file(own.intrinsics(size_of_images(&frames, color_size)?), settings),
+                "the first image",
+            ),
         };
         let list = folder.join(CORRECTIONS);
         let corrections =
@@ -110,6 +113,7 @@ impl FolderScene {
             left_out,
             sources: Vec::new(),
             guessed: None,
+            read_color,
             extracted: None,
         };
         // A wrong size in camera.json is reported once, not for every frame. A damaged image is reported when its frame
@@ -191,11 +195,18 @@ fn list_images(folder: &Path) -> Result<(Images, Images), DatasetError> {
     Ok((color, list(DEPTH_FOLDER, DEPTH_ENDINGS, Twins::FirstEnding, DEPTH_FILE_NAMES)?))
 }
 
-/// Returns the size of the first colour image that is not damaged.
-fn size_of_images(frames: &[FolderFrame]) -> Result<(usize, usize), DatasetError> {
+/// Reads the `(width, height)` of a colour image.
+type ReadSize = fn(&Path) -> Result<(usize, usize), DatasetError>;
+
+fn color_size(path: &Path) -> Result<(usize, usize), DatasetError> {
+    image_size(path, COLOR_IMAGE)
+}
+
+/// Returns the size of the first colour image that is not damaged. `read` reads that of one.
+fn size_of_images(frames: &[FolderFrame], read: ReadSize) -> Result<(usize, usize), DatasetError> {
     let mut first_error = None;
     for frame in frames {
-        match image_size(&frame.color, COLOR_IMAGE) {
+        match read(&frame.color) {
             Ok(size) => return Ok(size),
             Err(error) => first_error = first_error.or(Some(error)),
         }
@@ -266,7 +277,7 @@ impl Scene for FolderScene {
 
     fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
         let frame = entry(&self.frames, index, &self.name)?;
-        let mut color = read_color(&frame.color)?;
+        let mut color = (self.read_color)(&frame.color)?;
         self.require_camera_size(&frame.color, color.size())?;
         let mut depth = match &frame.depth {
             Some(path) => read_depth(path, self.camera.depth_scale)?,

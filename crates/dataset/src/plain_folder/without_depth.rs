@@ -4,11 +4,13 @@ use super::assignment::poses_of;
 use super::camera_file::FolderCamera;
 use super::frames::{FolderFrame, frames_without_depth};
 use super::names::{COLOR_FOLDER, DEPTH_FOLDER, Images, Twins};
-use super::{CAMERA_FILE, FolderScene, POSES, coverage, read_pose_list, size_of_images};
+use super::{CAMERA_FILE, FolderScene, POSES, ReadSize, color_size, coverage, read_pose_list, size_of_images};
+use crate::decode::read_color;
 use crate::files::is_there;
 use crate::listing::{all_names_in, folder_name, no_frames_in};
-use crate::own_camera::{GuessedCamera, OwnCamera};
+use crate::own_camera::{GuessedCamera, OwnCamera, ReadColor};
 use crate::recorded_poses::PoseCoverage;
+use crate::upright::{read_upright, upright_size};
 use crate::{DatasetError, DatasetSettings, Format};
 use std::path::Path;
 use std::sync::OnceLock;
@@ -32,7 +34,7 @@ pub(crate) fn looks_like_images(path: &Path) -> bool {
 
 impl FolderScene {
     /// Lists a folder of images without depth, in the folder itself or in `color/`, with its camera and poses if there are
-    /// any.
+    /// any. Without either, images are turned as they say.
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -86,14 +88,19 @@ impl FolderScene {
             if has_list { poses_of(color, read_pose_list(list)?, list)? } else { vec![None; color.images.len()] };
         let (frames, left_out): (Vec<FolderFrame>, _) = frames_without_depth(color, &listed);
         let path = folder.join(CAMERA_FILE);
-        let size = size_of_images(&frames)?;
+        // A camera and poses are those of the images as they are stored.
+        let is_described =
+            is_there(&path) || has_list || [settings.fy, settings.cx, settings.cy].iter().any(Option::is_some);
+        let (read_color, read_size): (ReadColor, ReadSize) =
+            if is_described { (read_color, color_size) } else { (read_upright, upright_size) };
+        let size = size_of_images(&frames, read_size)?;
         let mut guessed = None;
         let (mut camera, size_from) = if is_there(&path) {
             (FolderCamera::read(&path, settings)?, CAMERA_FILE)
         } else {
             let own = own_camera.unwrap_or_else(|| {
                 let images: Vec<&Path> = frames.iter().map(|frame| frame.color.as_path()).collect();
-                OwnCamera::guessed(guessed.insert(GuessedCamera::of_images(&images, size)))
+                OwnCamera::guessed(guessed.insert(GuessedCamera::of_images(&images, size, read_color)))
             });
             (FolderCamera::without_file(own.intrinsics(size), settings), "the first image")
         };
@@ -114,6 +121,7 @@ impl FolderScene {
             left_out,
             sources: guessed.iter().map(|guess| guess.text(color.images.len())).collect(),
             guessed,
+            read_color,
             extracted: None,
         })
     }

@@ -63,6 +63,34 @@ fn a_plain_video_has_no_depth() {
     assert!(has_depth(Path::new("synthetic"), &DatasetSettings::default()));
 }
 
+/// A JPEG whose EXIF says that it is to be turned by 90 degrees clockwise.
+fn lying_jpeg() -> Vec<u8> {
+    let mut bytes = Vec::new();
+    let color = image::RgbImage::from_fn(64, 48, |x, _| image::Rgb(if x < 32 { [250, 20, 20] } else { [20, 20, 250] }));
+    color.write_to(&mut std::io::Cursor::new(&mut bytes), image::ImageFormat::Jpeg).unwrap();
+    let exif = b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+    let segment = [&[0xFF, 0xE1, 0, exif.len() as u8 + 2], exif.as_slice()].concat();
+    bytes.splice(2..2, segment);
+    bytes
+}
+
+#[test]
+fn photographs_are_turned_unless_their_camera_is_described() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("0.jpg"), lying_jpeg()).unwrap();
+    let first =
+        |settings: &DatasetSettings| open_scene(folder.path(), settings).unwrap().read_recorded(0).unwrap().frame;
+    let upright = first(&DatasetSettings::default());
+    assert_eq!((upright.width(), upright.height()), (48, 64));
+    let (top, bottom) = (upright.color()[(24, 5)], upright.color()[(24, 60)]);
+    assert!(top[0] > 200 && bottom[2] > 200, "{top:?} {bottom:?}");
+    assert_eq!(first(&DatasetSettings::default().with(|settings| settings.fx = Some(60.0))).width(), 48);
+    let settings = DatasetSettings::default().with(|s| (s.fx, s.cx) = (Some(60.0), Some(30.0)));
+    assert_eq!(first(&settings).width(), 64);
+    fs::write(folder.path().join("poses.txt"), "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\n").unwrap();
+    assert_eq!(first(&DatasetSettings::default()).width(), 64);
+}
+
 #[test]
 fn a_folder_of_images_has_no_depth() {
     let folder = tempfile::tempdir().unwrap();
