@@ -148,7 +148,15 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
         (without_camera, "without a camera file of the same name".to_owned()),
     ]);
     let files = Box::new(PlainFiles { depth_scale: DepthScale::MILLIMETRES.or_of(settings), _extracted: None });
-    let list = FrameList { name: scene_name(path), format: Format::Polycam, frames, left_out, states_poses: true, stored_color: None, files };
+    let list = FrameList {
+        name: scene_name(path),
+        format: Format::Polycam,
+        frames,
+        left_out,
+        states_poses: true,
+        stored_color: None,
+        files,
+    };
     FrameListScene::new(list, settings)
 }
 

@@ -15,7 +15,7 @@ use crate::frame_list::{FrameFiles, FrameList, FrameListScene, ListedFrame, Stat
 use crate::listing::{folder_name, names_in};
 use crate::recorded_poses::listed_quaternion;
 use crate::scene::LeftOut;
-use crate::text::{not_text, parse_json};
+use crate::text::{none_if_null, not_text, parse_json};
 use crate::undistort::Camera;
 use crate::{DatasetError, DatasetSettings, Format};
 use glam::{DQuat, DVec3};
@@ -48,11 +48,11 @@ struct Metadata {
     dh: Option<usize>,
     fps: Option<f64>,
     K: Vec<f64>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "none_if_null")]
     poses: Vec<[f64; 7]>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "none_if_null")]
     perFrameIntrinsicCoeffs: Vec<[f64; 4]>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "none_if_null")]
     frameTimestamps: Vec<f64>,
 }
 
@@ -133,7 +133,15 @@ pub(crate) fn open(path: &Path, settings: &DatasetSettings) -> Result<FrameListS
     let color_size = (metadata.w, metadata.h);
     let files = Box::new(R3dFiles { members, color_size, depth_size, depth_scale });
     let states_poses = !metadata.poses.is_empty();
-    let list = FrameList { name: scene_name(path), format: Format::R3d, frames, left_out, states_poses, stored_color: None, files };
+    let list = FrameList {
+        name: scene_name(path),
+        format: Format::R3d,
+        frames,
+        left_out,
+        states_poses,
+        stored_color: None,
+        files,
+    };
     FrameListScene::new(list, settings)
 }
 
@@ -287,6 +295,10 @@ fn size_of_shape(pixels: usize, shape: (usize, usize)) -> Option<(usize, usize)>
 }
 
 impl FrameFiles for R3dFiles {
+    fn place(&self, image: &Path) -> PathBuf {
+        self.members.place(&image.to_string_lossy())
+    }
+
     fn color(&self, frame: &ListedFrame) -> Result<Image<[u8; 3]>, DatasetError> {
         let name = frame.color.to_string_lossy();
         decode_color(&self.members.place(&name), &self.members.read(&name, COLOR_IMAGE)?)

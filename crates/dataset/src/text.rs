@@ -5,9 +5,10 @@ use crate::files::read_file;
 use crate::plausibility::warn_once;
 use crate::recorded_poses::tracked;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Deserializer};
 use splatseg_files::{TextError, has_decimal_commas, is_number_with_comma, text_of, utf8_bytes};
 use splatseg_geometry::{Intrinsics, Pose};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Larger files are not matrices.
 const MAX_TEXT_BYTES: u64 = 64 << 10;
@@ -122,9 +123,29 @@ pub(crate) fn parse_json<T: DeserializeOwned>(path: &Path, text: &str) -> Result
         let mut words = line.split(is_separator).map(|word| word.trim_end_matches(','));
         match source.is_syntax() && words.any(is_number_with_comma) {
             true => decimal_commas(path, index, line),
-            false => DatasetError::Json { path: path.to_owned(), source },
+            false => DatasetError::Json { path: path_of_value(path, text, &source), source },
         }
     })
+}
+
+/// Reads a list; `null` is an empty one, as some programs write it.
+pub(crate) fn none_if_null<'de, D: Deserializer<'de>, T: Deserialize<'de>>(from: D) -> Result<Vec<T>, D::Error> {
+    Ok(Option::deserialize(from)?.unwrap_or_default())
+}
+
+/// Returns the place of a wrong value in a JSON text: the file, and the last key before the value. A whole file may be one
+/// line.
+fn path_of_value(path: &Path, text: &str, error: &serde_json::Error) -> PathBuf {
+    let line_start = text.split_inclusive('\n').take(error.line().saturating_sub(1)).map(str::len).sum::<usize>();
+    let end = text.floor_char_boundary(line_start.saturating_add(error.column()));
+    let key_before = |(colon, _): (usize, &str)| {
+        let name = text[..colon].trim_end().strip_suffix('"')?;
+        name.rfind('"').map(|quote| shortened(&name[quote + 1..]))
+    };
+    // A field that is missing is named by the error.
+    let is_of_value = error.is_data() && !error.to_string().starts_with("missing field");
+    let key = text[..end].rmatch_indices(':').find_map(key_before).filter(|_| is_of_value);
+    key.map_or_else(|| path.to_owned(), |key| format!("{}: at {key}", path.display()).into())
 }
 
 /// Refuses a line with decimal commas. `index` is its number from 0.

@@ -8,7 +8,7 @@ use crate::depth_scale::DepthScale;
 use crate::error::{COLOR_IMAGE, CONFIDENCE_IMAGE};
 use splatseg_geometry::Image;
 use std::fmt::Debug;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 /// Reads the images of listed frames.
@@ -24,6 +24,11 @@ pub(crate) trait FrameFiles: Debug + Send + Sync {
 
     /// Reads the confidence of each depth, 0 for the lowest; `None` if there is none.
     fn confidence(&self, frame: &ListedFrame) -> Result<Option<Image<u32>>, DatasetError>;
+
+    /// Returns the place of an image of a frame, for messages.
+    fn place(&self, image: &Path) -> PathBuf {
+        image.to_owned()
+    }
 }
 
 /// Images that are files.

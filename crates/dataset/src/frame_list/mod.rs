@@ -90,7 +90,7 @@ impl FrameListScene {
         let stated = frame.camera.intrinsics;
         if !has_shape(size, (stated.width, stated.height)) {
             return Err(DatasetError::SizesDiffer {
-                path: frame.color.clone(),
+                path: self.list.files.place(&frame.color),
                 what: COLOR_IMAGE,
                 found: size,
                 expected: (stated.width, stated.height),
@@ -104,14 +104,14 @@ impl FrameListScene {
     fn read_images(&self, frame: &ListedFrame) -> Result<RegisteredImages, DatasetError> {
         let mut depth = self.list.files.depth(frame)?;
         if let Some(confidence) = self.list.files.confidence(frame)? {
-            let place = frame.confidence.as_deref().unwrap_or(&frame.depth);
-            drop_unconfident(&mut depth, &confidence, place)?;
+            let place = self.list.files.place(frame.confidence.as_deref().unwrap_or(&frame.depth));
+            drop_unconfident(&mut depth, &confidence, &place)?;
         }
         let mut color = self.list.files.color(frame)?;
         let camera = self.color_camera(frame, color.size())?;
         if !has_shape(depth.size(), color.size()) {
             return Err(DatasetError::SizesDiffer {
-                path: frame.depth.clone(),
+                path: self.list.files.place(&frame.depth),
                 what: DEPTH_IMAGE,
                 found: depth.size(),
                 expected: color.size(),
@@ -122,12 +122,12 @@ impl FrameListScene {
         let lens = |size| Camera { intrinsics: scaled(camera, size), distortion };
         let [of_color, of_depth] = &self.undistortions;
         if let Some(map) = of_color.get(&lens(color.size()), &frame.camera_place)?.map {
-            color = map.color(&color, &frame.color)?;
+            color = map.color(&color, &self.list.files.place(&frame.color))?;
         }
         // One map serves both where they have one size.
         let of_depth = if depth.size() == color.size() { of_color } else { of_depth };
         if let Some(map) = of_depth.get(&lens(depth.size()), &frame.camera_place)?.map {
-            depth = map.depth(&depth, &frame.depth)?;
+            depth = map.depth(&depth, &self.list.files.place(&frame.depth))?;
         }
         let (color, depth) = at_one_size(color, depth);
         let camera = scaled(camera, color.size());
@@ -209,7 +209,7 @@ impl Scene for FrameListScene {
 
     fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
         match (self.list.frames.get(index), part) {
-            (Some(frame), FramePart::Depth) => frame.depth.clone(),
+            (Some(frame), FramePart::Depth) => self.list.files.place(&frame.depth),
             (Some(frame), FramePart::Pose) => frame.pose_place.clone(),
             (Some(frame), FramePart::Intrinsics) => camera_place(self.own_camera.as_ref(), &frame.camera_place),
             (None, _) => self.list.name.clone().into(),

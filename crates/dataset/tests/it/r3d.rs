@@ -6,7 +6,7 @@ use crate::support::*;
 use glam::{DMat3, DMat4, DQuat, DVec3};
 use serde_json::{Value, json};
 use splatseg_dataset::{
-    DatasetSettings, Format, Framing, PoseConvention, QuaternionOrder, open_scene, read_color_image,
+    DatasetSettings, Format, FramePart, Framing, PoseConvention, QuaternionOrder, open_scene, read_color_image,
 };
 use splatseg_geometry::{CameraFrame, CowImage, Image, Intrinsics, Pose, RgbdFrame};
 use splatseg_settings::Choice;
@@ -170,6 +170,20 @@ fn gravity_is_known_unless_poses_are_converted() {
 }
 
 #[test]
+fn lists_may_be_null_and_messages_name_the_archive() {
+    let mut file = metadata();
+    for key in ["perFrameIntrinsicCoeffs", "frameTimestamps", "poses"] {
+        file[key] = json!(null);
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("room.r3d");
+    write(&path, &file);
+    let scene = open_scene(&path, &DatasetSettings::default()).unwrap();
+    assert!(!scene.has_poses() && scene.read_recorded(2).is_ok());
+    assert_eq!(scene.file_of(1, FramePart::Depth), path.join("rgbd/1.depth"));
+}
+
+#[test]
 fn lost_tracking_and_missing_members_are_counted() {
     let mut file = metadata();
     file["poses"] = json!([file["poses"][0]]);
@@ -218,6 +232,12 @@ fn wrong_values_are_named() {
     assert!(matrix.contains("metadata: K: found 2 numbers, expected 9"), "{matrix}");
     let quaternion = told(&with(|file| file["poses"][1][3] = json!(3)));
     assert!(quaternion.contains("metadata: pose 1: found a quaternion of length 3."), "{quaternion}");
+    for (value, key) in [(json!("16"), "dw"), (json!([[1, 2]]), "poses"), (json!(null), "K")] {
+        let mut file = metadata();
+        file[key] = value;
+        let told = told(&members(&file));
+        assert!(told.contains(&format!("metadata: at \"{key}\": invalid ")), "{told}");
+    }
     let mut no_lzfse = members(&metadata());
     no_lzfse.iter_mut().filter(|(name, _)| name == "rgbd/0.depth").for_each(|(_, bytes)| *bytes = vec![7; 99]);
     let damaged = told(&no_lzfse);

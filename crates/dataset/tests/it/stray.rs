@@ -76,6 +76,17 @@ fn the_matrix_is_that_of_the_video() {
 }
 
 #[test]
+fn an_empty_folder_does_not_hide_other_images() {
+    let folder = tempfile::tempdir().unwrap();
+    write(folder.path(), "color", true);
+    fs::create_dir(folder.path().join("rgb")).unwrap();
+    assert_eq!(read_all(folder.path(), &DatasetSettings::default()), Ok(3));
+    fs::remove_dir_all(folder.path().join("color")).unwrap();
+    let told = refused(folder.path());
+    assert!(told.contains("rgb: no frames"), "{told}");
+}
+
+#[test]
 fn arrays_are_millimetres_too() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), "rgb", true);
@@ -125,7 +136,10 @@ fn poses_of_other_frames_are_told() {
     write(folder.path(), "rgb", false);
     fs::write(folder.path().join("odometry.csv"), odometry(false).replace(", 00000", ", 01000")).unwrap();
     let told = refused(folder.path());
-    assert!(told.contains("odometry.csv: frames: found 10000 to 10002, expected those of the images, 0 to 2"), "{told}");
+    assert!(
+        told.contains("odometry.csv: frames: found 10000 to 10002, expected those of the images, 0 to 2"),
+        "{told}"
+    );
     let head = odometry(false).lines().next().unwrap().to_owned();
     fs::write(folder.path().join("odometry.csv"), head).unwrap();
     let scene = open_scene(folder.path(), &DatasetSettings::default()).unwrap();
