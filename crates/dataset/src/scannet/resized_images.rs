@@ -71,7 +71,7 @@ mod tests {
         assert_eq!(whole(647.8, 483.7, 960, 717), Some((1296, 968)));
         assert_eq!(whole(320.5, 243.0, 160, 120), Some((640, 480)));
         assert_eq!(whole(159.5, 119.5, 256, 192), None, "1.25 times as large, or a camera that looks aside");
-        assert_eq!(whole(400.0, 300.0, 320, 240), Some((800, 600)));
+        assert_eq!(whole(399.5, 299.5, 320, 240), Some((800, 600)));
         for (cx, cy) in [(319.5, 239.5), (160.0, 120.0), (639.0, 239.5), (0.0, 0.0)] {
             assert_eq!(whole(cx, cy, 640, 480), None, "{cx} {cy}");
         }

@@ -149,7 +149,7 @@ mod tests {
         assert!(metres.contains("would be 2 m") && metres.contains("to 1000 times its value"), "{metres}");
         assert!(doubt(20.0).unwrap().contains("5 times its value, e.g. 5000 instead of 1000"), "{:?}", doubt(20.0));
         let small = doubt(0.002).unwrap();
-        assert!(small.contains("0.002 m, ") && small.contains("as 1 instead of 1000"), "{small}");
+        assert!(small.contains("0.002 m, ") && small.contains("e.g. 1 instead of 1000"), "{small}");
         assert!(doubt(1e30).unwrap().ends_with("check the unit of the depth"), "{:?}", doubt(1e30));
     }
 
