@@ -69,7 +69,8 @@ def public_names() -> list[str]:
 
 def markdown(docstring: str) -> str:
     """A docstring as Markdown: roles and literals as code, indented blocks after `::` and doctests as code blocks."""
-    text = re.sub(r":(?:meth|func|class|attr):`([^`]+)`", r"`\1`", docstring).replace("``", "`")
+    # A role may have a title before its target: :func:`title <target>`.
+    text = re.sub(r":(?:meth|func|class|attr):`([^`<]+?)(?:\s*<[^`>]+>)?`", r"`\1`", docstring).replace("``", "`")
     lines: list[str] = []
     for block in re.split(r"\n\n+", text):
         if not block:
