@@ -13,6 +13,11 @@ use splatseg_objects::{FrameStamp, Object, ObjectShape, ObjectState};
 /// Later times are seconds since 1970 for sure: no recording that begins at 0 is so long.
 const EPOCH_TIMES: f64 = 1e9;
 
+/// A number of things: `1 room`, `2 rooms`.
+pub(crate) fn counted(count: usize, thing: &str) -> String {
+    format!("{count} {thing}{}", if count == 1 { "" } else { "s" })
+}
+
 /// An object in a few lines.
 #[derive(Clone, Debug, Serialize, JsonSchema)]
 pub struct ObjectFacts {

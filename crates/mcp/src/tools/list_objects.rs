@@ -1,7 +1,7 @@
 //! `list_objects`: the objects of the map, a page at a time.
 
 use crate::Assistant;
-use crate::facts::ObjectFacts;
+use crate::facts::{ObjectFacts, counted};
 use crate::tool::{Answer, Tool, ToolError};
 use rmcp::schemars::{self, JsonSchema};
 use serde::{Deserialize, Serialize};
@@ -69,7 +69,7 @@ impl Tool for ListObjects {
         let objects: Vec<ObjectFacts> = page.map(|object| ObjectFacts::new(object, map)).collect();
         let end = input.offset.saturating_add(objects.len());
         let next_offset = (end < fitting.len()).then_some(end);
-        let mut text = format!("{} of {} objects", objects.len(), fitting.len());
+        let mut text = format!("{} of {}", objects.len(), counted(fitting.len(), "object"));
         objects.iter().for_each(|object| text += &format!("\n{}", object.line()));
         if let Some(next) = next_offset {
             text += &format!("\nMore with offset {next}.");

@@ -1,6 +1,6 @@
 //! `list_rooms`: the rooms and what is in them.
 
-use crate::facts::{place, rounded};
+use crate::facts::{counted, place, rounded};
 use crate::tool::{Answer, Tool, ToolError};
 use crate::{Assistant, PlaceRoom};
 use rmcp::schemars::{self, JsonSchema};
@@ -65,7 +65,7 @@ impl Tool for ListRooms {
         let lines: Vec<String> = rooms.iter().take(MAX_ROOMS).map(line).collect();
         let text = match rooms.len() {
             0 => "No rooms were found.".to_owned(),
-            count => format!("{count} rooms:\n{}", lines.join("\n")),
+            count => format!("{}:\n{}", counted(count, "room"), lines.join("\n")),
         };
         let data = Output { rooms: rooms.into_iter().take(MAX_ROOMS).map(RoomFacts::of).collect() };
         Ok(Answer { text, data, picture: None })
@@ -77,7 +77,12 @@ fn line(room: &PlaceRoom) -> String {
     let doors: Vec<String> = room.doors.iter().map(ToString::to_string).collect();
     let doors = if doors.is_empty() { String::new() } else { format!(", doors to {}", doors.join(", ")) };
     let middle = place(rounded(room.middle));
-    format!("{}{derived}: {:.1} m² around {middle}{doors}, {} objects", room.called(), room.area_m2, room.objects.len())
+    format!(
+        "{}{derived}: {:.1} m² around {middle}{doors}, {}",
+        room.called(),
+        room.area_m2,
+        counted(room.objects.len(), "object")
+    )
 }
 
 impl RoomFacts {
@@ -96,6 +101,8 @@ impl Assistant {
         let rooms = self.places()?.rooms();
         let count = rooms.len();
         let found = rooms.into_iter().find(|room| room.id == id);
-        found.ok_or_else(|| ToolError(format!("There is no room {id}, only {count} rooms: list_rooms has them.")))
+        found.ok_or_else(|| {
+            ToolError(format!("There is no room {id}, only {}: list_rooms has them.", counted(count, "room")))
+        })
     }
 }

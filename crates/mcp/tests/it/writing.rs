@@ -49,6 +49,8 @@ fn rooms_are_listed_named_and_driven_to() {
         let (text, data) = client.ask("list_rooms", json!({})).await;
         let rooms = data["rooms"].as_array().unwrap();
         assert!(!rooms.is_empty() && rooms[0]["name"].is_null() && text.contains("room 1"), "{text}");
+        let count = if rooms.len() == 1 { "1 room:\n".to_owned() } else { format!("{} rooms:\n", rooms.len()) };
+        assert!(text.starts_with(&count), "{text}");
         let object = rooms[0]["objects"][0].as_u64().unwrap();
         client.ask("name_object", json!({ "object": object, "name": "toilet" })).await;
         let (text, data) = client.ask("list_rooms", json!({})).await;
