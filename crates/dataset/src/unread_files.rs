@@ -46,7 +46,7 @@ fn unknown_file(path: &Path, head: &[u8]) -> DatasetError {
         (!start.is_empty() && head.starts_with(start)) || (!ending.is_empty() && name.ends_with(ending))
     };
     let (found, expected) = match FOREIGN.iter().find(is_it) {
-        Some((.., what, instead)) => ((*what).to_owned(), format!("{instead} (docs/FOLDER_FORMAT.md)")),
+        Some((.., what, instead)) => ((*what).to_owned(), format!("{instead} (docs/FORMATS.md)")),
         None => {
             let shown = &head[..head.len().min(SHOWN_BYTES)];
             let start = if shown.is_empty() { "nothing".to_owned() } else { format!("\"{}\"", shown.escape_ascii()) };

@@ -34,7 +34,8 @@ pub enum DeviceError {
     /// The program was built without networks.
     #[error(
         "this build of splatseg has neither FastSAM nor SAM 2, EdgeTAM or EfficientTAM: build it with --features \
-         networks, e.g. cargo install --path crates/splatseg-cli --features networks,ros2"
+         networks, e.g. cargo install --path crates/splatseg-cli --features networks,ros2,mcp \
+         --profile dist"
     )]
     NoNetworks,
     /// The program was built without this device.

@@ -1,11 +1,12 @@
 //! `splatseg convert`: writes any scene as a recording of ROS 2 messages.
 
 use super::Failure;
+use super::file_kind::FileKind;
 use super::input_paths::InputPaths;
 use super::inspect::results::not_opened;
 use super::options::{DatasetOptions, memory_limit};
 use super::output_folder::OverwritePolicy;
-use super::run::{ExtraFile, FileKind, SkippedFrames, StopSignals};
+use super::run::{ExtraFile, SkippedFrames, StopSignals};
 use super::system_limits::no_thread;
 use super::terminal::counted;
 use clap::{Args, ValueEnum};
@@ -85,10 +86,6 @@ impl Output {
     /// Checks that the file may be written.
     fn prepare(arguments: &ConvertArguments) -> Result<Self, Failure> {
         let out = &arguments.out;
-        // Otherwise it would not be recognised as a recording.
-        if !out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("mcap")) {
-            return Err(Failure::input(format!("{}: expected a name that ends in .mcap", out.display())));
-        }
         let mut inputs = InputPaths::default();
         inputs.add_scene(&arguments.scene);
         inputs.check_output_file(out)?;

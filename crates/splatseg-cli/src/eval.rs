@@ -4,6 +4,7 @@ use super::Failure;
 use super::eval_mesh::eval_mesh;
 use super::eval_page::ComparedPage;
 use super::eval_trajectory::eval_trajectory;
+use super::file_kind::FileKind;
 use super::options::{DatasetOptions, ScoreOptions, memory_limit};
 use super::output_folder::OverwritePolicy;
 use super::terminal::counted;
@@ -87,7 +88,7 @@ pub struct EvalArguments {
     /// Print the scores as JSON instead of tables; with a FILE, write them there and print the tables
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = TO_OUTPUT)]
     pub json: Option<PathBuf>,
-    /// Replace the JSON file if it exists
+    /// Replace the JSON file if it has scores
     #[arg(long, requires = "json")]
     pub overwrite: bool,
     /// Score frames without prediction as empty, and leave out frames without ground truth
@@ -156,12 +157,8 @@ struct Evaluation<'a> {
 
 /// Executes `splatseg eval`.
 pub fn eval(arguments: &EvalArguments) -> Result<(), Failure> {
-    if let Some(path) = &arguments.json
-        && arguments.prints_tables()
-        && path.exists()
-        && OverwritePolicy::from_flag(arguments.overwrite) == OverwritePolicy::Keep
-    {
-        return Err(Failure::input(format!("{}: exists: give --overwrite to replace it", path.display())));
+    if let Some(path) = arguments.json.as_ref().filter(|_| arguments.prints_tables()) {
+        FileKind::SCORES.check(path, OverwritePolicy::from_flag(arguments.overwrite))?;
     }
     if let Some(truth) = &arguments.trajectory {
         return eval_trajectory(arguments, truth);

@@ -4,9 +4,9 @@ use super::Failure;
 use super::export_mesh::{MeshOptions, export_mesh};
 use super::export_plan::{PlanOptions, export_plan};
 use super::export_scene_graph::export_scene_graph;
+use super::file_kind::FileKind;
 use super::input_paths::{InputPaths, real_path};
 use super::output_folder::{CreatedFolders, OverwritePolicy};
-use super::run::FileKind;
 use super::terminal::counted;
 use clap::{Args, ValueEnum};
 use glam::DVec3;
@@ -30,7 +30,7 @@ const RANGES_IN_MESSAGES: usize = 20;
     splatseg export map.ply --object-files objects --min-confidence 0.7\n  \
     splatseg export map.ply --as mesh --out home.glb\n  \
     splatseg export map.ply --as scene-graph --out home.json\n  \
-    splatseg export map.ply --as occupancy --out home           # home.pgm and home.yaml for map_server and Nav2")]
+    splatseg export map.ply --as occupancy --out floor          # floor.pgm and floor.yaml for map_server and Nav2")]
 pub struct ExportArguments {
     /// A memory saved by `run --save-memory`
     pub map: PathBuf,
@@ -106,7 +106,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
     }
     let places = Places::new(arguments);
     if let Some(out) = &arguments.out {
-        places.check(out, FileKind::MEMORY)?;
+        places.check(out, FileKind::EXPORTED)?;
     }
     let file = SplatFile::load(&arguments.map).map_err(Failure::input)?;
     let mut gaussians = exported(&file, arguments)?;
@@ -127,7 +127,7 @@ pub fn export(arguments: &ExportArguments) -> Result<(), Failure> {
         return Err(Failure::input(format!("{}: none of the Gaussians left shows an object", arguments.map.display())));
     }
     for (id, path) in &object_files {
-        places.check(path, FileKind::MEMORY)?;
+        places.check(path, FileKind::EXPORTED.with_option("--object-files"))?;
         if arguments.out.as_ref().is_some_and(|out| real_path(out) == real_path(path)) {
             return Err(Failure::input(format!("{}: is also the file of object {id}: choose another", path.display())));
         }
@@ -249,17 +249,7 @@ impl Places {
     /// Checks that a file may be written, and replaces at most one of its kind.
     pub fn check(&self, path: &Path, kind: FileKind) -> Result<(), Failure> {
         self.inputs.check_output_file(path)?;
-        let wrong = |reason: &str| Err(Failure::input(format!("{}: {reason}", path.display())));
-        if path.symlink_metadata().is_err() {
-            return Ok(());
-        }
-        match self.existing {
-            OverwritePolicy::Keep => wrong("exists: give --overwrite to replace it"),
-            _ if !kind.is_kind_of(path) => {
-                wrong(&format!("exists and is not {}: choose another place", kind.of_exports()))
-            }
-            _ => Ok(()),
-        }
+        kind.check(path, self.existing)
     }
 
     /// Writes Gaussians to a checked file, and creates its folder.

@@ -2,9 +2,9 @@
 
 use super::Failure;
 use super::export::{Color, ExportArguments, NO_OBJECT, Places, Wait, check_ids};
+use super::file_kind::FileKind;
 use super::input_paths::real_path;
 use super::options::memory_limit;
-use super::run::FileKind;
 use super::terminal::counted;
 use clap::Args;
 use glam::Vec3;
@@ -133,7 +133,7 @@ fn object_files(
         return Err(Failure::input(format!("{}: none of its surfaces shows an object", arguments.map.display())));
     }
     for (id, path) in &files {
-        export.places.check(path, kind_of(path))?;
+        export.places.check(path, kind_of(path).with_option("--object-files"))?;
         if arguments.out.as_ref().is_some_and(|out| real_path(out) == real_path(path)) {
             return Err(Failure::input(format!("{}: is also the file of object {id}: choose another", path.display())));
         }
@@ -153,7 +153,7 @@ fn is_gltf(path: &Path) -> bool {
 }
 
 fn kind_of(path: &Path) -> FileKind {
-    if is_gltf(path) { FileKind::GLTF } else { FileKind::MEMORY }
+    if is_gltf(path) { FileKind::GLTF } else { FileKind::MESH }
 }
 
 impl Export {

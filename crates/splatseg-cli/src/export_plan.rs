@@ -1,15 +1,13 @@
 //! `splatseg export --as occupancy`: the plan of a saved map, for robots.
 
 use super::Failure;
-use super::export::ExportArguments;
-use super::input_paths::InputPaths;
-use super::output_folder::CreatedFolders;
+use super::export::{ExportArguments, Places, Wait};
+use super::file_kind::FileKind;
 use super::terminal::counted;
 use clap::Args;
 use image::ImageEncoder;
 use image::codecs::png::PngEncoder;
 use splatseg::pipeline::NamedMap;
-use splatseg_files::AtomicFile;
 use splatseg_geometry::SegmentId;
 use splatseg_output::segment_color;
 use splatseg_places::{Cell, FloorPlan, PlanFile, PlanPicture, PlanSettings, map_server};
@@ -134,7 +132,7 @@ struct PlanFiles {
     yaml: PathBuf,
     picture: PathBuf,
     json: PathBuf,
-    overwrite: bool,
+    places: Places,
 }
 
 impl PlanFiles {
@@ -152,18 +150,34 @@ impl PlanFiles {
             name.push(ending);
             PathBuf::from(name)
         };
-        let overwrite = arguments.overwrite;
+        let places = Places::new(arguments);
         let files =
-            Self { image: with(".pgm"), yaml: with(".yaml"), picture: with(".png"), json: with(".json"), overwrite };
-        let mut inputs = InputPaths::default();
-        inputs.add("the map", &arguments.map);
-        for path in [&files.image, &files.yaml, &files.picture, &files.json] {
-            inputs.check_output_file(path)?;
-            if path.symlink_metadata().is_ok() && !overwrite {
-                return Err(Failure::input(format!("{}: exists: give --overwrite to replace it", path.display())));
+            Self { image: with(".pgm"), yaml: with(".yaml"), picture: with(".png"), json: with(".json"), places };
+        files.check()?;
+        Ok(files)
+    }
+
+    /// Checks all files, before any is written.
+    fn check(&self) -> Result<(), Failure> {
+        let Self { image, yaml, picture, json, places } = self;
+        for (path, kind) in [
+            (image, FileKind::PLAN_IMAGE),
+            (yaml, FileKind::PLAN_YAML),
+            (picture, FileKind::PLAN_PICTURE),
+            (json, FileKind::PLAN),
+        ] {
+            places.check(path, kind)?;
+        }
+        // An image does not tell who wrote it: it is taken for one of a plan beside the text that was written with it.
+        for (image, text) in [(image, yaml), (picture, json)] {
+            if image.exists() && !text.exists() {
+                let (image, text) = (image.display(), text.display());
+                return Err(Failure::input(format!(
+                    "{image}: exists without {text}, so it is not known to be of a plan: choose another --out"
+                )));
             }
         }
-        Ok(files)
+        Ok(())
     }
 
     fn write(
@@ -182,13 +196,7 @@ impl PlanFiles {
     }
 
     fn write_one(&self, path: &Path, bytes: &[u8]) -> Result<(), Failure> {
-        let folder = path.parent().unwrap_or(Path::new(""));
-        let written = CreatedFolders::create(folder).and_then(|_created| {
-            let mut file = AtomicFile::create(path)?;
-            file.write_all(bytes)?;
-            if self.overwrite { file.commit() } else { file.commit_new() }
-        });
-        written.map_err(|error| Failure::runtime(format!("{}: cannot be written: {error}", path.display())))
+        self.places.write_with(path, Wait::ForDisk, |file| file.write_all(bytes))
     }
 }
 

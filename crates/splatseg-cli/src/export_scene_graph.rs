@@ -2,8 +2,8 @@
 
 use super::Failure;
 use super::export::{ExportArguments, Places, Wait};
+use super::file_kind::FileKind;
 use super::options::memory_limit;
-use super::run::FileKind;
 use super::terminal::counted;
 use splatseg::pipeline::NamedMap;
 use std::io::Write;

@@ -60,9 +60,14 @@ struct Printed<'a> {
 /// Prints the objects that fit the text.
 pub fn find(arguments: &FindArguments) -> Result<(), Failure> {
     let FindArguments { map: path, text, names: network, text_encoder, top, all, json } = arguments;
+    let query = Query::new(text);
+    let says_nothing = query.thing.is_empty() && query.color.is_none() && query.size.is_none();
+    if text.trim().is_empty() || (says_nothing && network.is_none() && text_encoder.is_none()) {
+        let expected = "expected a name, a colour or a size, e.g. \"red mug\"";
+        return Err(Failure::input(format!("{text:?} says nothing of an object, {expected}")));
+    }
     let mut map = NamedMap::load(path).map_err(Failure::input)?;
     let wrong = |problem: &str| Failure::input(format!("{}: {problem}", path.display()));
-    let query = Query::new(text);
     let found = match text_encoder {
         Some(encoder) => {
             let list = objects(&map, *all);

@@ -21,6 +21,7 @@ mod export_mesh;
 mod export_plan;
 mod export_scene_graph;
 mod failure;
+mod file_kind;
 mod find;
 mod help_layout;
 mod input_paths;

@@ -1,7 +1,9 @@
 //! Changes between two maps of a place: `splatseg diff`, and `changes.json` of a run with a loaded memory.
 
 use super::Failure;
+use super::file_kind::FileKind;
 use super::options::memory_limit;
+use super::output_folder::OverwritePolicy;
 use super::terminal::counted;
 use clap::Args;
 use splatseg::pipeline::depth_views;
@@ -31,7 +33,7 @@ pub struct DiffArguments {
     /// File for the changes, JSON
     #[arg(long, value_name = "FILE.json")]
     pub out: Option<PathBuf>,
-    /// Replace an existing file
+    /// Replace an existing file of changes
     #[arg(long)]
     pub overwrite: bool,
     #[arg(long, value_name = "SIZE")]
@@ -86,8 +88,8 @@ pub fn load_with_keyframes(path: &Path) -> Result<Option<(SplatMemory, Vec<u8>)>
 pub fn diff(arguments: &DiffArguments) -> Result<(), Failure> {
     memory_limit(arguments.memory_limit.as_ref())?.enforce();
     let out = arguments.out.as_ref();
-    if let Some(out) = out.filter(|out| out.exists() && !arguments.overwrite) {
-        return Err(Failure::input(format!("{}: exists already; --overwrite replaces it", out.display())));
+    if let Some(out) = out {
+        FileKind::CHANGES.check(out, OverwritePolicy::from_flag(arguments.overwrite))?;
     }
     let load = |path: &Path| {
         load_with_keyframes(path)?.ok_or_else(|| {

@@ -1,8 +1,10 @@
 //! `splatseg merge`: makes one map of two of the same place.
 
 use super::Failure;
+use super::file_kind::FileKind;
 use super::map_changes;
 use super::options::memory_limit;
+use super::output_folder::OverwritePolicy;
 use super::terminal::counted;
 use clap::Args;
 use glam::{DQuat, DVec3};
@@ -30,7 +32,7 @@ pub struct MergeArguments {
     /// File for the merged map
     #[arg(long, value_name = "FILE.ply")]
     pub out: PathBuf,
-    /// Replace an existing file
+    /// Replace the saved map in the file of --out
     #[arg(long)]
     pub overwrite: bool,
     /// Pose of the later map's world in the earlier one's, if it is known: metres and a quaternion as in TUM's files, `0 0 0
@@ -51,9 +53,7 @@ pub struct MergeArguments {
 pub fn merge(arguments: &MergeArguments) -> Result<(), Failure> {
     memory_limit(arguments.memory_limit.as_ref())?.enforce();
     let MergeArguments { earlier, later, out, .. } = arguments;
-    if out.exists() && !arguments.overwrite {
-        return Err(Failure::input(format!("{}: exists already; --overwrite replaces it", out.display())));
-    }
+    FileKind::CHANGED_MAP.check(out, OverwritePolicy::from_flag(arguments.overwrite))?;
     let transform = arguments.transform.as_deref().map(pose).transpose().map_err(Failure::input)?;
     let options = MergeOptions { earlier_from_later: transform };
     let load = |path: &Path| NamedMap::load(path).map_err(Failure::input);

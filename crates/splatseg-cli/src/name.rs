@@ -1,6 +1,9 @@
 //! `splatseg name`: gives the objects and rooms of a saved memory names, by hand, from a file, or with a network.
 
 use super::Failure;
+use super::file_kind::FileKind;
+use super::input_paths::real_path;
+use super::output_folder::OverwritePolicy;
 use super::terminal::counted;
 use clap::Args;
 use splatseg::names::ClipNames;
@@ -48,6 +51,9 @@ pub struct NameArguments {
     /// File for the named map; by default the map itself
     #[arg(long, value_name = "FILE.ply")]
     pub out: Option<PathBuf>,
+    /// Replace the saved map in the file of --out
+    #[arg(long, requires = "out")]
+    pub overwrite: bool,
 }
 
 /// Loads a network for images and words.
@@ -68,6 +74,10 @@ pub fn name(arguments: &NameArguments) -> Result<(), Failure> {
     }
     if let Some(score) = arguments.min_score.filter(|score| !(0.0..=1.0).contains(score)) {
         return Err(Failure::input(format!("--min-score: found {score}, expected 0 to 1")));
+    }
+    // The map itself is changed in place.
+    if let Some(out) = arguments.out.as_ref().filter(|out| real_path(out) != real_path(path)) {
+        FileKind::CHANGED_MAP.check(out, OverwritePolicy::from_flag(arguments.overwrite))?;
     }
     let mut map = NamedMap::load(path).map_err(Failure::input)?;
     let wrong = |problem: String| Failure::input(format!("{}: {problem}", path.display()));
@@ -177,7 +187,7 @@ fn list(map: &NamedMap, ids: &BTreeSet<SegmentId>) {
     }
     let unknown = map.object_list().objects.iter().filter(|object| named(object.id).is_none()).count();
     if unknown > 0 {
-        say!("{} without a label", counted(unknown, "object"));
+        say!("{} without a label: `splatseg inspect` lists all with their ids", counted(unknown, "object"));
     }
 }
 

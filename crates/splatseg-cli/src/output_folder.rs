@@ -72,6 +72,10 @@ impl OutputFolder {
         let entries = match fs::read_dir(path) {
             Ok(entries) => entries,
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
+            Err(_) if path.is_file() => {
+                let path = path.display();
+                return Err(Failure::input(format!("{path}: is a file, expected a folder: choose another --out")));
+            }
             Err(error) => return Err(Failure::input(format!("{}: {error}", path.display()))),
         };
         if existing == OverwritePolicy::Keep && entries.flatten().any(|entry| entry.file_name() != STAGING) {

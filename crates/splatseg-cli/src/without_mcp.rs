@@ -4,7 +4,7 @@ use super::Failure;
 use clap::Args;
 
 const HOW: &str = "this build of splatseg has no server for assistants: build it with --features mcp, e.g. cargo install \
-                   --path crates/splatseg-cli --features networks,ros2,mcp";
+                   --path crates/splatseg-cli --features networks,ros2,mcp --profile dist";
 
 #[derive(Debug, Args)]
 #[command(after_help = HOW)]

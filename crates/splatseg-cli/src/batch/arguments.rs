@@ -26,7 +26,7 @@ pub struct BatchArguments {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
     pub jobs: Option<u64>,
     /// Run on a Ray cluster: its address, or auto for the cluster in RAY_ADDRESS or on this machine. DIR must be
-    /// reachable from all of its machines. Needs the Python package: pip install 'splatseg[ray]'
+    /// reachable from all of its machines. Needs the Python package and Ray: pip install ./python 'ray[data]'
     #[arg(long, value_name = "ADDRESS")]
     pub ray: Option<String>,
     /// Number of times to retry a scene whose process was killed, e.g. for lack of memory

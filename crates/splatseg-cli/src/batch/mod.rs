@@ -31,7 +31,7 @@ const MAX_LIST_BYTES: u64 = 256_000_000;
 /// Executes `splatseg batch`. `program` is the start of a command line that runs this program in another process.
 pub fn batch(arguments: &BatchArguments, program: &[OsString]) -> Result<(), Failure> {
     if arguments.ray.is_some() {
-        return Err(Failure::input("--ray needs the Python package: pip install 'splatseg[ray]'"));
+        return Err(Failure::input("--ray needs the Python package and Ray: pip install ./python 'ray[data]'"));
     }
     let plan = Plan::of(arguments)?;
     if let Some(path) = &arguments.plan {

@@ -37,7 +37,7 @@ pub struct LiveArguments {
     /// Play the recording this many times as fast
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub speed: f64,
-    /// Use every frame, however long it takes, as `run` does
+    /// Use every frame, however long it takes, as `run --online` does
     #[arg(long, conflicts_with = "speed")]
     pub every_frame: bool,
     #[command(flatten)]

@@ -2,15 +2,17 @@
 
 use super::terminal_outlet::TerminalOutlet;
 use crate::Failure;
+use crate::file_kind::FileKind;
 use crate::input_paths::{InputPaths, real_path};
 use crate::options::SettingsOptions;
 use crate::output_folder::OverwritePolicy;
-use crate::run::{ExtraFile, FileKind};
+use crate::run::ExtraFile;
 use clap::Args;
 use splatseg::{Pipeline, Settings};
 use splatseg_dataset::DatasetSettings;
 use splatseg_live::{LiveError, LiveOptions, LiveSession, LiveStream, Outlet, SavedMap, ViewOutlet, build_with};
-use splatseg_view::{Reach, ViewOptions};
+use splatseg_view::{Reach, ViewError, ViewOptions};
+use std::io::ErrorKind;
 use std::net::SocketAddr;
 use std::num::ParseFloatError;
 use std::path::{Path, PathBuf};
@@ -217,7 +219,16 @@ fn view(address: SocketAddr, scene: &str) -> Result<ViewOutlet, Failure> {
     // Whoever names an address that others can reach wants it to be reached.
     let reach = if address.ip().is_loopback() { Reach::Loopback } else { Reach::Network };
     let options = ViewOptions { address, reach, scene: scene.to_owned(), ..ViewOptions::default() };
-    let view = ViewOutlet::start(options).map_err(Failure::input)?;
+    let view = ViewOutlet::start(options).map_err(|error| {
+        let another = match &error {
+            ViewError::Listen { source, .. } if source.kind() == ErrorKind::AddrInUse => {
+                let host = address.to_string();
+                format!("; another port: --view={}PORT", host.trim_end_matches(|end: char| end.is_ascii_digit()))
+            }
+            _ => String::new(),
+        };
+        Failure::input(format!("{error}{another}"))
+    })?;
     say_error!("view:     {}\nFoxglove: {}", view.server().link(), view.server().foxglove_link());
     Ok(view)
 }

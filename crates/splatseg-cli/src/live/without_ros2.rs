@@ -5,7 +5,7 @@ use clap::Args;
 use std::ffi::OsString;
 
 const HOW: &str = "this build of splatseg has no ROS 2 node: build it with --features ros2, e.g. cargo install --path \
-                   crates/splatseg-cli --features networks,ros2";
+                   crates/splatseg-cli --features networks,ros2,mcp --profile dist";
 
 #[derive(Debug, Args)]
 #[command(after_help = HOW)]

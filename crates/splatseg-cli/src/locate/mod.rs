@@ -3,9 +3,11 @@
 mod comparison;
 
 use super::Failure;
+use super::file_kind::FileKind;
 use super::input_paths::InputPaths;
 use super::map_changes::load_with_keyframes;
 use super::options::DatasetOptions;
+use super::output_folder::OverwritePolicy;
 use super::terminal::{counted, print_text};
 use clap::Args;
 use comparison::{Comparison, Group, PoseError};
@@ -40,7 +42,7 @@ pub struct LocateArguments {
     /// The scene's poses are true and in the map's coordinates: say how many frames were found there
     #[arg(long)]
     pub compare: bool,
-    /// Replace existing files
+    /// Replace existing files of the same kind
     #[arg(long)]
     pub overwrite: bool,
     #[command(flatten)]
@@ -119,16 +121,15 @@ pub fn locate(arguments: &LocateArguments) -> Result<(), Failure> {
     written(path, &text)
 }
 
-/// Refuses to replace inputs, and other files without `--overwrite`.
+/// Refuses to replace inputs, files of other kinds, and without `--overwrite` all files.
 fn check_files(arguments: &LocateArguments) -> Result<(), Failure> {
     let mut inputs = InputPaths::default();
     inputs.add("the map", &arguments.map);
     inputs.add_scene(&arguments.scene);
-    for path in arguments.out.iter().chain(&arguments.json) {
+    for (path, kind) in [(&arguments.out, FileKind::POSES), (&arguments.json, FileKind::LOCATED)] {
+        let Some(path) = path else { continue };
         inputs.check_output_file(path)?;
-        if path.exists() && !arguments.overwrite {
-            return Err(Failure::input(format!("{}: exists: give --overwrite to replace it", path.display())));
-        }
+        kind.check(path, OverwritePolicy::from_flag(arguments.overwrite))?;
     }
     match (&arguments.out, &arguments.json) {
         (Some(out), Some(json)) if out == json => {

@@ -21,7 +21,7 @@ pub mod shown_frames;
 mod skipped_frames;
 mod stop_signals;
 
-pub use extra_file::{ExtraFile, FileKind};
+pub use extra_file::ExtraFile;
 pub use frame_history::FrameHistory;
 pub use report::{RunTimes, report};
 pub use saved_run::SavedFrame;
@@ -32,6 +32,7 @@ pub use stop_signals::StopSignals;
 use super::arguments::RunArguments;
 use super::browser;
 use super::default_out::default_out;
+use super::file_kind::FileKind;
 use super::input_paths::{InputPaths, real_path};
 use super::inspect::results::not_opened;
 use super::manifest::SUMMARY;

@@ -233,6 +233,12 @@ fn results_are_not_overwritten_unless_asked_for() {
     assert_eq!(fs::read(out.join("summary.json")).unwrap(), before);
     run(&demo_clip(), &out).args(["--max-frames", "1", "--overwrite"]).assert().success();
     assert_eq!(file_names(&out.join("segments")), ["000000.png"]);
+    let map = folder.path().join("map.ply");
+    fs::write(&map, "ply\n").unwrap();
+    for more in [&[][..], &["--overwrite"]] {
+        let (code, message) = finish(run(&demo_clip(), &map).args(more));
+        assert!(code == 2 && message.contains("map.ply: is a file, expected a folder"), "{message}");
+    }
 }
 
 #[test]

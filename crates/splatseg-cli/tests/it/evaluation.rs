@@ -398,7 +398,14 @@ fn other_bad_usage_is_an_error_and_nothing_is_overwritten() {
     assert_eq!(ended.code, 2);
     assert!(ended.err.contains("give --overwrite"), "{}", ended.err);
     assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
-    assert_eq!(eval(images.path(), &["--json", file.to_str().unwrap(), "--overwrite"]).code, 0);
+    let replace = ["--json", file.to_str().unwrap(), "--overwrite"];
+    let ended = eval(images.path(), &replace);
+    assert!(ended.code == 2 && ended.err.contains("is not a file of scores by `splatseg eval`"), "{}", ended.err);
+    assert_eq!(fs::read_to_string(&file).unwrap(), "mine");
+    fs::remove_file(&file).unwrap();
+    for _ in 0..2 {
+        assert_eq!(eval(images.path(), &replace).code, 0);
+    }
     let small = tempfile::tempdir().unwrap();
     for (name, _) in truth() {
         write_segments_png(&small.path().join(format!("{name}.png")), &SegmentMap::filled(9, 9, 1)).unwrap();

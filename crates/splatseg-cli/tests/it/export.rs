@@ -187,7 +187,10 @@ fn nothing_is_overwritten_without_the_option() {
     exported(folder.path(), &["--out", "a.ply", "--as", "points", "--overwrite"]);
     assert!(fs::read_to_string(path("a.ply")).is_err() && !Ply::read(&path("a.ply")).0.contains_key("opacity"));
     let notes = refused(folder.path(), &["--out", "notes.txt", "--overwrite"]);
-    assert_eq!(notes, "error: notes.txt: exists and is not a PLY file: choose another place\n");
+    assert_eq!(notes, "error: notes.txt: expected a name that ends in .ply\n");
+    fs::write(path("scan.ply"), "ply\nformat ascii 1.0\n").unwrap();
+    let scan = refused(folder.path(), &["--out", "scan.ply", "--overwrite"]);
+    assert!(scan.contains("exists and is not a PLY file that `splatseg export` wrote"), "{scan}");
     for out in ["map.ply", "./a/../map.ply"] {
         let error = refused(folder.path(), &["--out", out, "--overwrite"]);
         assert!(error.contains("is the map: choose another file"), "{error}");
@@ -195,7 +198,7 @@ fn nothing_is_overwritten_without_the_option() {
     // One of the object files exists: none of the others is written.
     let id = Ply::read(&path("map.ply")).objects().pop_last().unwrap();
     fs::create_dir(path("objects")).unwrap();
-    fs::write(path(&format!("objects/{id}.ply")), "ply").unwrap();
+    fs::copy(path("a.ply"), path(&format!("objects/{id}.ply"))).unwrap();
     let error = refused(folder.path(), &["--object-files", "objects"]);
     assert_eq!(error, format!("error: objects/{id}.ply: exists: give --overwrite to replace it\n"));
     assert_eq!(file_names(&path("objects")).len(), 1);
@@ -206,6 +209,68 @@ fn nothing_is_overwritten_without_the_option() {
         (fs::read(path("map.ply")).unwrap(), fs::read_to_string(path("notes.txt")).unwrap()),
         (map, "mine".to_owned())
     );
+}
+
+/// A saved map is a PLY file, too, but no export may replace it.
+#[test]
+fn no_saved_map_is_replaced() {
+    let folder = place();
+    let path = |name: &str| folder.path().join(name);
+    let map = fs::read(path("map.ply")).unwrap();
+    let id = Ply::read(&path("map.ply")).objects().pop_last().unwrap();
+    fs::create_dir(path("objects")).unwrap();
+    let copies = ["home.ply".to_owned(), format!("objects/{id}.ply")];
+    copies.iter().for_each(|copy| fs::write(path(copy), &map).unwrap());
+    for form in ["gaussians", "points", "mesh"] {
+        for to in [["--out", "home.ply"], ["--object-files", "objects"]] {
+            let error = refused(folder.path(), &[&["--as", form, "--overwrite"][..], &to].concat());
+            assert!(error.contains("exists and is not a PLY file that `splatseg export` wrote"), "{form}: {error}");
+        }
+    }
+    copies.iter().for_each(|copy| assert!(fs::read(path(copy)).unwrap() == map, "{copy}"));
+}
+
+#[test]
+fn names_end_as_what_is_written() {
+    let folder = place();
+    for (form, out, endings) in [
+        ("mesh", "m.obj", ".glb or .ply"),
+        ("mesh", "M.gltf", ".glb or .ply"),
+        ("mesh", "m", ".glb or .ply"),
+        ("points", "p.glb", ".ply"),
+        ("gaussians", "g.splat", ".ply"),
+        ("scene-graph", "g.xml", ".json"),
+    ] {
+        let error = refused(folder.path(), &["--as", form, "--out", out]);
+        assert_eq!(error, format!("error: {out}: expected a name that ends in {endings}\n"));
+    }
+}
+
+#[test]
+fn a_plan_replaces_no_files_of_others() {
+    let folder = place();
+    let notes = "{ \"mine\": true }";
+    for (ending, expected) in [
+        ("json", "u.json: exists and is not a plan by splatseg"),
+        ("yaml", "u.yaml: exists and is not a map_server file by splatseg"),
+        ("png", "u.png: exists and is not a PNG image"),
+        ("pgm", "u.pgm: exists and is not a PGM image"),
+    ] {
+        let file = folder.path().join(format!("u.{ending}"));
+        fs::write(&file, notes).unwrap();
+        let error = refused(folder.path(), &["--as", "occupancy", "--out", "u", "--overwrite"]);
+        assert!(error.contains(expected), "{error}");
+        assert_eq!(fs::read_to_string(&file).unwrap(), notes);
+        fs::remove_file(file).unwrap();
+    }
+    for (ending, content) in [("pgm", &b"P5\n1 1\n255\n0"[..]), ("png", b"\x89PNG\r\n\x1a\nmine")] {
+        let file = folder.path().join(format!("u.{ending}"));
+        fs::write(&file, content).unwrap();
+        let error = refused(folder.path(), &["--as", "occupancy", "--out", "u", "--overwrite"]);
+        assert!(error.contains("so it is not known to be of a plan"), "{error}");
+        assert_eq!(fs::read(&file).unwrap(), content);
+        fs::remove_file(file).unwrap();
+    }
 }
 
 #[test]

@@ -119,5 +119,5 @@ fn what_is_wrong_is_said_in_one_line() {
     assert!(refused(folder.path(), &["--out", "x.ply", "--voxel", "0.1"]).contains("--voxel: is for --as mesh"));
     fs::write(folder.path().join("notes.glb"), "text").unwrap();
     let error = refused(folder.path(), &["--as", "mesh", "--out", "notes.glb", "--overwrite"]);
-    assert!(error.contains("exists and is not a glTF file"), "{error}");
+    assert!(error.contains("exists and is not a glTF file by splatseg"), "{error}");
 }

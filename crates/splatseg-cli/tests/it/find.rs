@@ -58,6 +58,10 @@ fn maps_without_names_are_refused() {
     assert_eq!(finish(&mut command).code, 0);
     let ended = find(&map, "mug", &[]);
     assert!(ended.code == 2 && ended.err.contains("no names") && ended.err.lines().count() == 1, "{}", ended.err);
+    for nothing in ["", " \t", "where is the"] {
+        let ended = find(&map, nothing, &[]);
+        assert!(ended.code == 2 && ended.err.contains("says nothing of an object"), "{}{}", ended.out, ended.err);
+    }
     fs::write(&map, "ply\nnothing").unwrap();
     assert_eq!(find(&map, "mug", &[]).code, 2);
 }

@@ -84,7 +84,17 @@ fn a_recording_is_no_file_of_the_map() {
         assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{record}: {}", ended.err);
         assert!(ended.err.contains(expected), "{record}: {}", ended.err);
     }
+    let ended = live(&recording(), &["--record", &path("rec.bag")]);
+    assert!(ended.code == 2 && ended.err.contains("rec.bag: expected a name that ends in .mcap"), "{}", ended.err);
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn a_taken_port_is_said_with_the_option_that_chooses_another() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let ended = live(&recording(), &[&format!("--view={}", taken.local_addr().unwrap())]);
+    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+    assert!(ended.err.contains("another port: --view=127.0.0.1:PORT"), "{}", ended.err);
 }
 
 #[test]

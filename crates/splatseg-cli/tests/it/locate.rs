@@ -37,6 +37,18 @@ fn frames_of_the_room_are_located_in_its_map_and_wrong_inputs_are_named() {
     assert_eq!(lines.lines().filter(|line| !line.starts_with('#')).count() as u64, found);
     let refused = locate(&map, between, &files);
     assert!(refused.code == 2 && refused.err.contains("--overwrite"), "{}", refused.err);
+    let replaced = locate(&map, between, &[&files[..], &["--max-frames", "2", "--overwrite"]].concat());
+    assert_eq!(replaced.code, 0, "{}", replaced.err);
+    for (file, expected) in
+        [(&poses, "is not a file of poses by splatseg"), (&json, "is not a file that `splatseg locate --json` wrote")]
+    {
+        let ours = fs::read(file).unwrap();
+        fs::write(file, "{}").unwrap();
+        let refused = locate(&map, between, &[&files[..], &["--overwrite"]].concat());
+        assert!(refused.code == 2 && refused.err.contains(expected), "{}", refused.err);
+        assert_eq!(fs::read_to_string(file).unwrap(), "{}");
+        fs::write(file, ours).unwrap();
+    }
 
     let printed = locate(&map, between, &["--max-frames", "3"]);
     assert!(printed.code == 0 && printed.out.starts_with("# timestamp"), "{}", printed.out);

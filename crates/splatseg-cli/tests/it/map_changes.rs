@@ -40,10 +40,11 @@ fn things_that_came_went_and_moved_are_found_by_a_run_and_by_diff() {
     assert_first_frame_has_the_ids_of_the_map(&folder.join("after"));
 
     let out = folder.join("changes.json");
-    let diff = |before: &Path, after: &Path| {
+    let diff_with = |before: &Path, after: &Path, more: &[&str]| {
         let mut command = splatseg();
-        finish(command.arg("diff").arg(before).arg(after).arg("--out").arg(&out))
+        finish(command.arg("diff").arg(before).arg(after).arg("--out").arg(&out).args(more))
     };
+    let diff = |before: &Path, after: &Path| diff_with(before, after, &[]);
     let printed = diff(&before, &folder.join("after.ply"));
     assert_eq!(printed.code, 0, "{}", printed.err);
     assert!(printed.out.contains("3 gone, 2 new, 2 moved") && printed.out.lines().count() == 8, "{}", printed.out);
@@ -52,7 +53,12 @@ fn things_that_came_went_and_moved_are_found_by_a_run_and_by_diff() {
         assert_eq!(saved[kind], changes[kind], "{kind}: also after the final pass");
     }
     let refused = diff(&before, &folder.join("after.ply"));
-    assert!(refused.code == 2 && refused.err.contains("--overwrite replaces it"), "{}", refused.err);
+    assert!(refused.code == 2 && refused.err.contains("give --overwrite"), "{}", refused.err);
+    assert_eq!(diff_with(&before, &folder.join("after.ply"), &["--overwrite"]).code, 0);
+    fs::write(&out, "{\"new\": []}").unwrap();
+    let refused = diff_with(&before, &folder.join("after.ply"), &["--overwrite"]);
+    assert!(refused.code == 2 && refused.err.contains("is not a file of changes by splatseg"), "{}", refused.err);
+    assert_eq!(fs::read_to_string(&out).unwrap(), "{\"new\": []}");
     fs::remove_file(&out).unwrap();
     // A map compared with itself: nothing was looked at since.
     let same = diff(&before, &before);

@@ -50,7 +50,12 @@ fn two_visits_of_a_room_become_one_map_without_the_things_that_are_gone() {
     assert_eq!(finish(&mut command).code, 0);
     assert!(fs::read(&home).unwrap() == fs::read(&again).unwrap());
     let refused = merge(&before, &after, &home, &[]);
-    assert!(refused.code == 2 && refused.err.contains("--overwrite replaces it"), "{}", refused.err);
+    assert!(refused.code == 2 && refused.err.contains("give --overwrite"), "{}", refused.err);
+    let scan = folder.join("scan.ply");
+    fs::write(&scan, "ply\nformat ascii 1.0\n").unwrap();
+    let refused = merge(&before, &after, &scan, &["--overwrite"]);
+    assert!(refused.code == 2 && refused.err.contains("is not a saved memory"), "{}", refused.err);
+    assert_eq!(fs::read_to_string(&scan).unwrap(), "ply\nformat ascii 1.0\n");
 
     // The merged map is one like any other: frames of both visits are found in it as in their own maps.
     for (which, own) in [("before", &before), ("after", &after)] {

@@ -25,7 +25,7 @@ fn labels_are_given_by_hand_and_found() {
     let folder = tempfile::tempdir().unwrap();
     let map = save_map(folder.path());
     let ended = name(&map, &[]);
-    assert!(ended.code == 0 && ended.out.contains(" without a label"), "{}", ended.out);
+    assert!(ended.code == 0 && ended.out.contains(" without a label: `splatseg inspect`"), "{}", ended.out);
     let objects = NamedMap::load(&map).unwrap().object_list().objects;
     assert_eq!(ended.out.split(' ').next(), Some(objects.len().to_string().as_str()), "{}", ended.out);
     let ids: Vec<String> = objects.iter().map(|object| object.id.to_string()).collect();
@@ -42,6 +42,21 @@ fn labels_are_given_by_hand_and_found() {
     let json: serde_json::Value = serde_json::from_str(&found.out).unwrap();
     assert_eq!((&json[0]["label"], json[0]["id"].to_string()), (&"mug".into(), ids[0].clone()), "{}", found.out);
     assert!(json[0]["shape"]["oriented_box"].is_object() && json.as_array().unwrap().len() == 1, "{json}");
+
+    // Not over a file of others, and not over a map without being asked.
+    let notes = folder.path().join("thesis.txt");
+    fs::write(&notes, "mine").unwrap();
+    let to = |out: &Path, more: &[&str]| name(&map, &[&["--out", out.to_str().unwrap(), &mug], more].concat());
+    for more in [&[][..], &["--overwrite"]] {
+        let ended = to(&notes, more);
+        assert!(ended.code == 2 && ended.err.contains("thesis.txt: exists") && ended.out.is_empty(), "{}", ended.err);
+        assert_eq!(fs::read_to_string(&notes).unwrap(), "mine");
+    }
+    let copy = folder.path().join("copy.ply");
+    fs::copy(&named, &copy).unwrap();
+    assert!(to(&copy, &[]).err.contains("give --overwrite"));
+    assert_eq!((to(&copy, &["--overwrite"]).code, to(&map, &[]).code), (0, 0));
+    fs::write(&map, &before).unwrap();
 
     // In place; an empty label takes one away.
     let ended = name(&named, &[&format!("{}=", ids[0])]);

@@ -1,6 +1,6 @@
 //! Free space and rooms of a run: in the recording, in `objects.json`, and as exported from the saved map.
 
-use crate::support::{finish, read_json, splatseg};
+use crate::support::{Ended, finish, read_json, splatseg};
 use splatseg_dataset::SyntheticScene;
 use splatseg_objects::{FrameStamp, ObjectList};
 use splatseg_places::{GridShape, PlanFile};
@@ -18,9 +18,18 @@ fn run(folder: &Path, scene: &str, more: &[&str]) {
     assert_eq!(ended.code, 0, "{}", ended.err);
 }
 
+fn export(folder: &Path, more: &[&str]) -> Ended {
+    let arguments = ["export", "map.ply", "--as", "occupancy", "--out", "home"];
+    finish(splatseg().current_dir(folder).args(arguments).args(more))
+}
+
+/// Exports the plan, also over itself.
 fn exported(folder: &Path) {
-    let ended =
-        finish(splatseg().current_dir(folder).args(["export", "map.ply", "--as", "occupancy", "--out", "home"]));
+    let ended = export(folder, &[]);
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    let ended = export(folder, &[]);
+    assert!(ended.code == 2 && ended.err.contains("home.pgm: exists: give --overwrite"), "{}", ended.err);
+    let ended = export(folder, &["--overwrite"]);
     assert_eq!(ended.code, 0, "{}", ended.err);
 }
 

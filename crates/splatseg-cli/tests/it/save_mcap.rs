@@ -231,6 +231,9 @@ fn a_recording_replaces_nothing_else() {
     refused(&short, &input, &["--overwrite"], "exists and is not a recording by splatseg");
     refused(&short, &out.join("objects.json"), &[], "is reserved for other results");
     refused(&short, &file, &["--save-coco", file.to_str().unwrap()], "is the file of --save-coco");
+    for name in ["a.bag", "c.db3", "b"] {
+        refused(&short, &folder.path().join(name), &[], &format!("{name}: expected a name that ends in .mcap"));
+    }
     let options = ["--segmenter", "oracle"];
     assert_eq!(run(&short, &out, &file, &options).code, 0);
     let first = fs::read(&file).unwrap();
