@@ -28,6 +28,7 @@ mod input_paths;
 mod inspect;
 mod live;
 mod locate;
+mod log_line;
 mod manifest;
 #[cfg(feature = "man")]
 mod manual;
@@ -48,6 +49,7 @@ mod system_limits;
 
 use arguments::{Arguments, Command, Parsed};
 use failure::Failure;
+use log_line::LogLine;
 use std::ffi::OsString;
 use system_limits::{check_environment, survive_file_size_limit, use_threads};
 
@@ -114,11 +116,10 @@ fn start_log() {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("warn"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
-        .with_writer(|| terminal::EscapedStderr)
+        .with_writer(|| terminal::LogOutput)
         // Colours are control sequences, which would be escaped.
         .with_ansi(false)
-        .without_time()
-        .with_target(false)
+        .event_format(LogLine(tracing_subscriber::fmt::format().without_time().with_target(false)))
         .try_init()
         // A program that uses the library may have its own logger.
         .ok();

@@ -130,12 +130,13 @@ pub fn escape(text: &str) -> Cow<'_, str> {
     Cow::Owned(escaped)
 }
 
-/// Escaped standard error for the log. Each event is written in one piece.
-pub struct EscapedStderr;
+/// Standard error for the log, whose lines look as those of [`print_error_line`]. Each event is written in one piece.
+pub struct LogOutput;
 
-impl Write for EscapedStderr {
+impl Write for LogOutput {
     fn write(&mut self, bytes: &[u8]) -> Result<usize> {
-        std::io::stderr().write_all(escape(&String::from_utf8_lossy(bytes)).as_bytes())?;
+        let text = String::from_utf8_lossy(bytes);
+        print_error_line(text.strip_suffix('\n').unwrap_or(&text));
         Ok(bytes.len())
     }
 

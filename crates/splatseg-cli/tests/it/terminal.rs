@@ -97,6 +97,18 @@ fn speed_includes_the_time_before_the_first_frame() {
     assert!(ended.out.contains("before the first frame"), "{}", ended.out);
 }
 
+/// Warnings of the library look as those of the command.
+#[test]
+fn warnings_of_the_log_have_the_form_of_all_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = numbered_scene(folder.path(), 2);
+    let camera = ["--fx", "300", "--fy", "300", "--cx", "20", "--cy", "20"];
+    let ended = run(&scene, &folder.path().join("out"), &[&camera[..], &["--quiet"]].concat());
+    assert_eq!(ended.code, 0, "{}", ended.err);
+    assert!(ended.err.lines().any(|line| line.starts_with("warning: dataset.fx, fy, cx and cy: ")), "{}", ended.err);
+    assert!(!ended.err.contains("WARN"), "{}", ended.err);
+}
+
 #[test]
 fn quiet_leaves_warnings_errors_and_results() {
     let folder = tempfile::tempdir().unwrap();
