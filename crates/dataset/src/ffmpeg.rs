@@ -15,9 +15,10 @@ const MESSAGE_LETTERS: usize = 300;
 const FPS_MODES: [&str; 2] = ["-fps_mode", "-vsync"];
 /// What the program writes about an unknown option.
 const UNKNOWN_OPTION: &str = "Unrecognized option 'fps_mode'";
-/// What the program writes about a damaged video, which it decodes as far as it can and then ends without an error.
+/// What the program writes about a damaged video, in small letters. It decodes that as far as it can, and then ends without
+/// an error.
 const DAMAGE: [&str; 4] =
-    ["partial file", "Invalid NAL unit size", "rror while decoding", "rror submitting packet to decoder"];
+    ["partial file", "invalid nal unit size", "error while decoding", "error submitting packet to decoder"];
 
 /// How frames are extracted: each once, numbered from 0.
 pub(crate) struct Extraction<'a> {
@@ -45,7 +46,10 @@ pub(crate) struct Extracted {
 impl Extracted {
     /// Warns of a video that is damaged, with the number of its frames.
     pub(crate) fn warn_of_damage(&self, video: &Path) {
-        let is_damage = |line: &&str| DAMAGE.iter().any(|damage| line.contains(damage));
+        let is_damage = |line: &&str| {
+            let line = line.to_ascii_lowercase();
+            DAMAGE.iter().any(|damage| line.contains(damage))
+        };
         if let Some(line) = self.messages.lines().find(is_damage) {
             let frames = names_in(self.folder.path()).len();
             let line = shortened(line);
