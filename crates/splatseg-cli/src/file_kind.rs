@@ -70,7 +70,7 @@ impl FileKind {
     pub const PLAN: Self = Self {
         content: "the plan",
         name: "a plan by splatseg",
-        sign: Sign::Starts(&[b"{\n  \"format\": \"splatseg-plan\""]),
+        sign: Sign::Starts(&[b"{\"format\":\"splatseg-plan\","]),
         ..Self::SCENE_GRAPH
     };
     /// The YAML file of a plan.
