@@ -203,8 +203,14 @@ fn the_timestamps_equal_the_input() {
         let ids: Image<'_> = from_cdr(&topics["/splatseg/segments"][index].data).unwrap();
         assert_eq!(ids.header.stamp.nanoseconds() as u128, stamp.as_nanos());
     }
-    // The saved recording can be read as a scene, with the ids in place of depth.
-    let written = RecordingScene::open(&file, &DatasetSettings::default()).unwrap();
+    // Results are read as a scene only if they are named, with the ids in place of depth.
+    let refused = RecordingScene::open(&file, &DatasetSettings::default()).unwrap_err().to_string();
+    assert!(refused.ends_with("overlay and ids are results of splatseg, not images of a camera"), "{refused}");
+    let named = DatasetSettings::default().with(|settings| {
+        settings.color = Some("/splatseg/overlay".to_owned());
+        settings.depth = Some("/splatseg/segments".to_owned());
+    });
+    let written = RecordingScene::open(&file, &named).unwrap();
     assert_eq!(written.frame_count(), 4);
     let (read, expected) = (written.read_frame(2).unwrap(), scene.read_frame(2).unwrap());
     assert_eq!((read.timestamp(), read.intrinsics()), (expected.timestamp(), expected.intrinsics()));
