@@ -13,10 +13,9 @@ use tempfile::TempDir;
 const MESSAGE_LETTERS: usize = 300;
 /// Writes every frame of a video once. The second name is that of versions before 5.1.
 const FPS_MODES: [&str; 2] = ["-fps_mode", "-vsync"];
-/// What the program writes about an unknown option.
+/// The error of versions that do not know the first one.
 const UNKNOWN_OPTION: &str = "Unrecognized option 'fps_mode'";
-/// What the program writes about a damaged video, in small letters. It decodes that as far as it can, and then ends without
-/// an error.
+/// Messages about a damaged video, in lower case. `ffmpeg` decodes as much of it as it can, and exits with success.
 const DAMAGE: [&str; 4] =
     ["partial file", "invalid nal unit size", "error while decoding", "error submitting packet to decoder"];
 
@@ -39,7 +38,7 @@ pub(crate) struct Extraction<'a> {
 pub(crate) struct Extracted {
     /// The folder with them.
     pub(crate) folder: TempDir,
-    /// What the program wrote to its error output.
+    /// The standard error of `ffmpeg`.
     pub(crate) messages: String,
 }
 

@@ -1,4 +1,4 @@
-//! What of frames and labels is used: near depth, resized and cropped.
+//! Depth limit, resizing and cropping of frames and labels.
 
 use crate::DatasetError;
 use crate::resample::{ImageMap, resample_color, resample_depth, resample_labels};

@@ -309,7 +309,7 @@ impl LiveSession {
         match result {
             Ok(result) => {
                 self.seen.remap(&result.remapped);
-                // At once, also with a lag: the rest of what is told of objects is of the time, too.
+                // Also with a lag: states and numbers of frames in the list do not wait for hindsight either.
                 self.seen.record(&place.file_stamp, place.size, &result.objects);
                 self.record(&result, received, started);
                 self.latest_stamp = place.stamp;

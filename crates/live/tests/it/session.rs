@@ -374,7 +374,7 @@ fn after_a_reset_the_plan_of_the_map_before_is_withdrawn() {
     assert_eq!(graph.objects.len(), 0);
 }
 
-/// What a page gets: lists of objects with the number of frames, versions of the map, and resets.
+/// A message to a page: a list of objects with the number of frames, a version of the map, a merge, or a reset.
 #[derive(Clone, Debug, PartialEq)]
 enum Shown {
     Objects(Vec<u32>, usize),
