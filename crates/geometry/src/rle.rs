@@ -24,7 +24,10 @@ pub struct RunLengths {
 #[non_exhaustive]
 pub enum RleError {
     /// The runs do not fill the image.
-    #[error("the RLE's runs add up to {found} pixels, but an image of {width}x{height} has {}", width * height)]
+    #[error(
+        "the RLE's runs add up to {found} pixels, but an image of {width}x{height} has {}",
+        *width as u128 * *height as u128
+    )]
     WrongTotal {
         /// Sum of the runs.
         found: u64,
@@ -98,6 +101,10 @@ impl RunLengths {
     /// [`RleError::WrongTotal`] if the runs do not fill the image exactly. Nothing is allocated before this check.
     pub fn decode(&self) -> Result<Mask, RleError> {
         self.check_total()?;
+        if self.counts.iter().all(|count| *count == 0) {
+            // An image without pixels may state any width or height.
+            return Ok(Mask::from_words(self.width, self.height, &[]));
+        }
         let (columns, rows): (Vec<usize>, Vec<usize>) = ((0..self.width).collect(), (0..self.height).collect());
         self.decode_at(&columns, &rows)
     }
@@ -305,9 +312,18 @@ mod tests {
     }
 
     #[test]
+    fn an_image_without_pixels_may_be_of_any_width() {
+        let none = RunLengths { width: usize::MAX, height: 0, counts: vec![] };
+        let mask = none.decode().unwrap();
+        assert_eq!((mask.width(), mask.height(), mask.is_empty()), (usize::MAX, 0, true));
+    }
+
+    #[test]
     fn wrong_totals_are_refused_before_allocation() {
         let huge = RunLengths { width: usize::MAX, height: 2, counts: vec![4] };
-        assert!(matches!(huge.decode(), Err(RleError::WrongTotal { .. })));
+        let error = huge.decode().unwrap_err();
+        assert!(matches!(error, RleError::WrongTotal { .. }));
+        assert!(error.to_string().ends_with(&format!("has {}", usize::MAX as u128 * 2)), "{error}");
         assert_eq!(RunLengths::from_compressed(4, 5, "6P"), Err(RleError::Damaged { position: 2 }));
     }
 }
