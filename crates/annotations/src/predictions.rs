@@ -76,17 +76,12 @@ impl Predictions {
             return Ok(Self::Masks { path: path.to_owned(), frames });
         }
         let folder = find_video_folder(path, choice).map_err(|error| wrong(&error))?;
-        let mut names = BTreeMap::new();
+        let mut files = Vec::new();
         for entry in std::fs::read_dir(&folder).map_err(|error| wrong(&error))? {
             let name = entry.map_err(|error| wrong(&error))?.file_name();
-            if let Some(file) = name.to_str().and_then(|name| name.strip_suffix(".png")) {
-                let frame = frames.resolve(file).unwrap_or(file);
-                // A file with exactly the frame's name has priority.
-                if frame == file || !names.contains_key(frame) {
-                    names.insert(frame.to_owned(), file.to_owned());
-                }
-            }
+            files.extend(name.to_str().and_then(|name| name.strip_suffix(".png")).map(str::to_owned));
         }
+        let names = files_of_frames(files, frames).map_err(|error| AnnotationError::at(&folder, error))?;
         if names.is_empty() {
             return Err(wrong(&"the folder has no .png files, expected one per frame, named after it"));
         }
@@ -157,6 +152,30 @@ impl Predictions {
                 Ok(Prediction::Masks(decoded.collect::<Result<_, String>>().map_err(wrong)?))
             }
         }
+    }
+}
+
+/// The file of each frame, without `.png`, by frame name. A file with exactly the frame's name has priority.
+fn files_of_frames(mut files: Vec<String>, frames: &SelectedFrames) -> Result<BTreeMap<String, String>, String> {
+    // A folder is listed in any order.
+    files.sort_unstable();
+    let mut names: BTreeMap<String, String> = BTreeMap::new();
+    let mut conflicts = Vec::new();
+    for file in files {
+        let frame = frames.resolve(&file).unwrap_or(&file).to_owned();
+        match names.get(&frame) {
+            Some(other) if *other == frame => {}
+            Some(other) if file != frame => conflicts.push((frame, other.clone(), file)),
+            _ => {
+                names.insert(frame, file);
+            }
+        }
+    }
+    match conflicts.into_iter().find(|(frame, ..)| names[frame] != *frame) {
+        Some((frame, first, second)) => {
+            Err(format!("{first}.png and {second}.png are both of frame {frame}, expected one file {frame}.png"))
+        }
+        None => Ok(names),
     }
 }
 
