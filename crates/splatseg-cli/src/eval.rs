@@ -34,9 +34,10 @@ const HELP: &str = "Predictions are one of\n\
     - a .json file with a list (or an object with the list under the key `annotations`) of\n  \
       tracks, as in YouTube-VIS results: {\"segmentations\": [RLE or null, one per frame], \"id\": N}, or\n  \
       single masks: {\"frame\": NAME, \"id\": N, \"segmentation\": RLE}.\n  \
-      `file_name`, `image`, or `image_id` with a COCO list `images`, may replace `frame`; `track_id` may replace\n  \
-      `id`; the id of a track without one is its position in the list. RLE is {\"size\": [height, width], \"counts\": ...}, compressed\n  \
-      or not. Masks may overlap. List frames without any mask under the key `frames` (or `images`).\n\n\
+      `file_name`, `image`, or `image_id` with a COCO list `images`, may replace `frame`; `track_id` or\n  \
+      `instance_id` may replace `id`, which must be that of the object, not of the mask; the id of a track without one\n  \
+      is its position in the list. RLE is {\"size\": [height, width], \"counts\": ...}, compressed or not. Masks may overlap.\n  \
+      List frames without any mask under the key `frames` (or `images`).\n\n\
     Examples:\n  \
     splatseg eval --pred out --json | jq .vsq\n  \
     splatseg eval --gt scene0011_00 --pred out --page\n  \

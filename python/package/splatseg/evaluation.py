@@ -62,7 +62,8 @@ def evaluate(
     try:
         scores = json.loads(_splatseg.evaluate(gt, predictions, settings, *options))
     except ValueError as error:
-        raise ValueError(str(error).replace("--allow-missing", "allow_missing=True")) from None
+        text = str(error).replace("--allow-missing", "allow_missing=True").replace("--no-ids", "ids=False")
+        raise ValueError(text) from None
     return Scores(
         vsq=scores["vsq"],
         stq=scores["stq"],

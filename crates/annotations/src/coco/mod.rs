@@ -1,9 +1,10 @@
 //! COCO masks: <https://cocodataset.org/#format-data>.
 //!
-//! `predictions.rs` reads a video's predictions, `mask_file.rs` the masks of one frame, and `writer.rs` writes all masks of a
-//! run. `segmentation.rs` has the run-length encoding that they share.
+//! `predictions.rs` reads a video's predictions, which `one_video.rs` selects, `mask_file.rs` the masks of one frame, and
+//! `writer.rs` writes all masks of a run. `segmentation.rs` has the run-length encoding that they share.
 
 mod mask_file;
+mod one_video;
 mod part;
 mod predictions;
 mod segmentation;

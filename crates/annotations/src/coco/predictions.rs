@@ -1,5 +1,6 @@
 //! Reads JSON files of run-length encoded masks: COCO annotations with frames and ids, or YouTube-VIS tracks.
 
+use super::one_video::{OneVideo, VideoLists};
 use super::segmentation::{Counts, Segmentation};
 use crate::{AnnotationError, PredictionChoice, SelectedFrames};
 use serde::Deserialize;
@@ -44,7 +45,9 @@ pub fn read_masks(
     frames: &SelectedFrames,
     choice: &PredictionChoice<'_>,
 ) -> Result<MasksByFrame, String> {
-    Document { frames, choice }.read(document)
+    let lists = video_lists(document)?;
+    let video = lists.select(frames, choice)?;
+    Reader { frames, choice, masks: MasksByFrame::new(), has_tracks: false }.read(video)
 }
 
 /// Checks that the parsed document will fit in memory: a list of numbers takes many times the memory of its text.
@@ -60,105 +63,106 @@ fn check_memory(text: &[u8], limit: u64) -> Result<(), String> {
     ))
 }
 
+/// Splits a document into its lists.
+fn video_lists(mut document: Value) -> Result<VideoLists, String> {
+    let images = document.get_mut("images").map(Value::take);
+    let frames = document.get_mut("frames").map(Value::take).map_or(Ok(Vec::new()), <Vec<Value>>::deserialize);
+    let frames = frames.map_err(|_| "key frames: expected a list of names".to_owned())?;
+    let videos = document.get_mut("videos").map(Value::take).unwrap_or_default();
+    match document.get_mut("annotations").map(Value::take).unwrap_or(document) {
+        Value::Array(annotations) => Ok(VideoLists { images, annotations, frames, videos }),
+        _ => Err("expected a list of annotations, or an object with the key annotations".to_owned()),
+    }
+}
+
 /// A track or a single mask.
 #[derive(Deserialize)]
 struct Annotation {
     id: Option<Value>,
     track_id: Option<Value>,
+    /// The track in CocoVID, the format of mmtracking, where `id` is unique to the mask.
+    instance_id: Option<Value>,
     segmentations: Option<Vec<Value>>,
     segmentation: Option<Value>,
-    frame: Option<Value>,
-    file_name: Option<Value>,
-    image: Option<Value>,
     image_id: Option<Value>,
     score: Option<Value>,
 }
 
-/// An entry of COCO's list `images`.
-#[derive(Deserialize)]
-struct CocoImage {
-    id: Value,
-    file_name: String,
-}
-
-/// A parser for documents with predictions for these frames.
-struct Document<'a> {
+/// A reader of the masks of one video.
+struct Reader<'a> {
     frames: &'a SelectedFrames,
     choice: &'a PredictionChoice<'a>,
+    masks: MasksByFrame,
+    /// True if an id was stated for a whole track, or assigned here.
+    has_tracks: bool,
 }
 
-impl Document<'_> {
-    fn read(&self, mut document: Value) -> Result<MasksByFrame, String> {
-        let mut masks = MasksByFrame::new();
-        let images = self.images(document.get_mut("images").map(Value::take))?;
-        masks.extend(images.values().map(|name| (name.clone(), Vec::new())));
-        if let Some(names) = document.get_mut("frames").map(Value::take) {
-            let names =
-                <Vec<Value>>::deserialize(names).map_err(|_| "key frames: expected a list of names".to_owned())?;
-            for name in &names {
-                masks.entry(self.frame_name(name)?).or_default();
-            }
+impl Reader<'_> {
+    fn read(mut self, mut video: OneVideo) -> Result<MasksByFrame, String> {
+        self.masks.extend(video.images.values().map(|name| (name.clone(), Vec::new())));
+        for name in &video.frames {
+            let name = frame_name(self.frames, name)?;
+            self.masks.entry(name).or_default();
         }
-        let videos = document.get_mut("videos").map(Value::take).unwrap_or_default();
-        let list = document.get_mut("annotations").map(Value::take).unwrap_or(document);
-        let Value::Array(list) = list else {
-            return Err("expected a list of annotations, or an object with the key annotations".to_owned());
-        };
-        let list = self.choice.select_video(list, &videos)?;
-        for (place, value) in list {
+        // Each annotation is dropped once it is read: masks take much memory.
+        for (place, value) in std::mem::take(&mut video.annotations) {
             let at = |text: String| format!("annotation {place}: {text}");
+            let name = image_name(&value).cloned();
             let annotation = Annotation::deserialize(value)
                 .map_err(|_| at("expected an object; segmentations, if present, must be a list of masks".to_owned()))?;
-            if !self.choice.takes(annotation.score.as_ref()).map_err(at)? {
-                continue;
+            if self.choice.takes(annotation.score.as_ref()).map_err(at)? {
+                self.add(annotation, place, name, &video).map_err(at)?;
             }
-            self.add(annotation, place, &images, &mut masks).map_err(at)?;
         }
-        Ok(masks)
-    }
-
-    /// Frame names of COCO's `images`, by image id.
-    fn images(&self, list: Option<Value>) -> Result<BTreeMap<String, String>, String> {
-        let Some(list) = list else {
-            return Ok(BTreeMap::new());
-        };
-        let list = <Vec<CocoImage>>::deserialize(list)
-            .map_err(|_| "key images: expected a list of objects with id and file_name".to_owned())?;
-        let named = |image: CocoImage| Ok((image.id.to_string(), self.frame_name(&Value::String(image.file_name))?));
-        list.into_iter().map(named).collect()
+        if !self.choice.per_frame_ids && !self.has_tracks && has_unique_ids(&self.masks) {
+            return Err("no id of a mask occurs in two frames, so ids do not follow objects over time: \
+                 expected the key track_id or instance_id, or --no-ids"
+                .to_owned());
+        }
+        Ok(self.masks)
     }
 
     fn add(
-        &self,
+        &mut self,
         annotation: Annotation,
         place: usize,
-        images: &BTreeMap<String, String>,
-        masks: &mut MasksByFrame,
+        name: Option<Value>,
+        video: &OneVideo,
     ) -> Result<(), String> {
-        let id = annotation.track_id.as_ref().or(annotation.id.as_ref()).map(segment_id).transpose()?;
-        if let Some(segmentations) = annotation.segmentations {
-            let id = id.map_or_else(|| segment_id(&Value::from(place + 1)), Ok)?;
-            return self.add_track(id, &segmentations, masks);
+        let Annotation { id, track_id, instance_id, segmentations, segmentation, image_id, .. } = annotation;
+        let of_track = [("track_id", track_id), ("instance_id", instance_id)];
+        let of_track = of_track.into_iter().find_map(|(key, id)| Some((key, id?)));
+        self.has_tracks |= of_track.is_some() || id.is_none() || segmentations.is_some();
+        let id = of_track.or(id.map(|id| ("id", id))).map(|(key, id)| segment_id(key, &id)).transpose()?;
+        if let Some(segmentations) = segmentations {
+            let id = id.map_or_else(|| segment_id("id", &Value::from(place + 1)), Ok)?;
+            return self.add_track(id, &segmentations);
         }
-        let segmentation = annotation.segmentation.ok_or("expected the key segmentation or segmentations")?;
-        let name = match (annotation.frame.or(annotation.file_name).or(annotation.image), annotation.image_id) {
-            (Some(name), _) => self.frame_name(&name)?,
-            (None, Some(image)) => match images.get(&image.to_string()) {
-                Some(name) => name.clone(),
-                None => self.frame_name(&image)?,
-            },
+        let segmentation = segmentation.ok_or("expected the key segmentation or segmentations")?;
+        let name = match (name, image_id) {
+            (Some(name), _) => frame_name(self.frames, &name)?,
+            (None, Some(image)) => self.frame_of_image(&image, video)?,
             (None, None) => return Err("expected the key frame, file_name, image or image_id".to_owned()),
         };
-        let of_frame = masks.entry(name).or_default();
+        let of_frame = self.masks.entry(name).or_default();
         // A mask without an id gets its position in the frame.
-        let id = id.map_or_else(|| segment_id(&Value::from(of_frame.len() + 1)), Ok)?;
+        let id = id.map_or_else(|| segment_id("id", &Value::from(of_frame.len() + 1)), Ok)?;
         if let Some(runs) = run_lengths(&segmentation)? {
             of_frame.push(EncodedMask { id, runs });
         }
         Ok(())
     }
 
-    fn add_track(&self, id: SegmentId, segmentations: &[Value], masks: &mut MasksByFrame) -> Result<(), String> {
+    fn frame_of_image(&self, image: &Value, video: &OneVideo) -> Result<String, String> {
+        let id = image.to_string();
+        match video.images.get(&id) {
+            Some(name) => Ok(name.clone()),
+            None if video.other_images.contains(&id) => Err(format!("image_id {id} is of another video")),
+            None => frame_name(self.frames, image),
+        }
+    }
+
+    fn add_track(&mut self, id: SegmentId, segmentations: &[Value]) -> Result<(), String> {
         let selected = self.frames.selected();
         if segmentations.len() > selected.len() {
             return Err(format!(
@@ -168,17 +172,26 @@ impl Document<'_> {
             ));
         }
         for (segmentation, (_, name)) in segmentations.iter().zip(selected) {
-            let of_frame = masks.entry(name.clone()).or_default();
+            let of_frame = self.masks.entry(name.clone()).or_default();
             if let Some(runs) = run_lengths(segmentation).map_err(|error| format!("frame {name}: {error}"))? {
                 of_frame.push(EncodedMask { id, runs });
             }
         }
         Ok(())
     }
+}
 
-    fn frame_name(&self, value: &Value) -> Result<String, String> {
-        frame_name(self.frames, value)
-    }
+/// Returns true if several frames have masks, and no id is in two of them.
+fn has_unique_ids(masks: &MasksByFrame) -> bool {
+    let mut frame_of_id: BTreeMap<SegmentId, &str> = BTreeMap::new();
+    let mut is_unique = |id, frame| *frame_of_id.entry(id).or_insert(frame) == frame;
+    masks.values().filter(|of_frame| !of_frame.is_empty()).count() > 1
+        && masks.iter().all(|(frame, of_frame)| of_frame.iter().all(|mask| is_unique(mask.id, frame.as_str())))
+}
+
+/// The name or path of its image that an annotation states.
+pub(super) fn image_name(annotation: &Value) -> Option<&Value> {
+    ["frame", "file_name", "image"].into_iter().find_map(|key| annotation.get(key).filter(|name| !name.is_null()))
 }
 
 /// Resolves a frame's name, number or image path to the frame's name in the scene. Unknown names are returned as they
@@ -199,9 +212,9 @@ pub fn frame_name(frames: &SelectedFrames, value: &Value) -> Result<String, Stri
     Ok(frames.resolve(name).unwrap_or(name).to_owned())
 }
 
-fn segment_id(value: &Value) -> Result<SegmentId, String> {
+fn segment_id(key: &str, value: &Value) -> Result<SegmentId, String> {
     let id = value.as_u64().and_then(|id| SegmentId::try_from(id).ok()).filter(|id| *id > 0);
-    id.ok_or_else(|| format!("id: found {value}, expected an integer from 1 to {}", SegmentId::MAX))
+    id.ok_or_else(|| format!("{key}: found {value}, expected an integer from 1 to {}", SegmentId::MAX))
 }
 
 /// Parses a COCO RLE, compressed or not. Returns `None` for null.

@@ -95,9 +95,11 @@ pub fn evaluate_each(
     }
     let frames = SelectedFrames::new(scene, dataset)?;
     let (video, min_score) = (options.video.as_deref(), options.min_score);
-    let predictions = Predictions::open(path, &frames, &PredictionChoice { video, min_score, scene: scene.name() })?;
+    let per_frame_ids = options.ids == Ids::PerFrame;
+    let choice = PredictionChoice { video, min_score, scene: scene.name(), per_frame_ids };
+    let predictions = Predictions::open(path, &frames, &choice)?;
     let mut missing = check_predictions(&frames, &predictions, options.missing)?;
-    let choice = PredictionChoice { video: None, min_score, scene: scene.name() };
+    let choice = PredictionChoice { video: None, ..choice };
     let other = options.truth.as_ref().map(|path| Predictions::open(path, &frames, &choice)).transpose()?;
     let truth = other.as_ref().map_or(Truth::Scene(scene), Truth::OtherRun);
     let scoring = Scoring { truth, dataset, frames: &frames, predictions: &predictions, ids: options.ids };
