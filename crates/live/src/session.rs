@@ -102,7 +102,7 @@ pub struct LiveSession {
     places: LivePlaces,
     /// With a lag: the frames whose results are not published yet.
     waiting: WaitingFrames<PublishedFrame>,
-    /// When the latest frame came.
+    /// When the latest frame was done.
     latest_frame: Instant,
     /// Since when the session waits for a frame.
     waiting_since: Instant,
@@ -248,6 +248,8 @@ impl LiveSession {
                         self.status.paused_frames += 1;
                     } else {
                         self.use_frame(frame)?;
+                        // Not before: a frame may take longer than the lag.
+                        self.latest_frame = Instant::now();
                     }
                     self.waiting_since = Instant::now();
                 }
@@ -257,8 +259,9 @@ impl LiveSession {
                 None => {}
             }
             self.status.silence = if self.stream.is_played() { Duration::ZERO } else { self.waiting_since.elapsed() };
-            if self.latest_frame.elapsed() > self.options.lag + SECOND {
-                // The camera has stopped: nothing more will be known about them soon, and there is time for names.
+            if !self.stream.is_played() && self.latest_frame.elapsed() > self.options.lag + SECOND {
+                // The camera has stopped: nothing more will be known about them soon, and there is time for names. A recording
+                // that is played without drops only comes slowly.
                 self.publish_waiting(|_| true)?;
                 self.has_new_names |= self.pipeline.name_while_idle();
             }
@@ -273,7 +276,6 @@ impl LiveSession {
     /// Processes a frame. One that cannot be used becomes the problem in the status.
     fn use_frame(&mut self, frame: UndecodedFrame) -> Result<(), LiveError> {
         let (received, started) = (frame.received(), Instant::now());
-        self.latest_frame = started;
         self.images_per_frame = (frame.images().count() as u64).max(1);
         let streamed = match frame.read() {
             Ok(streamed) => streamed,

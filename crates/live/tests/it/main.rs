@@ -1,3 +1,5 @@
 //! The integration tests of this crate, in one program: it is linked once.
 
+mod lag;
 mod session;
+mod support;

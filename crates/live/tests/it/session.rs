@@ -1,5 +1,6 @@
 //! A session on the messages of a small recording: what it publishes, saves and answers.
 
+use crate::support::{Published, Setting, feed, play, recording, setting, setting_with};
 use splatseg::memory::SplatMemory;
 use splatseg::pipeline::NamedMap;
 use splatseg::segmenter::Detail;
@@ -17,83 +18,10 @@ use splatseg_ros::{
     Detection3dArray, DiagnosticArray, Image, MarkerArray, OccupancyGrid, PointCloud2, TextMessage, from_cdr,
 };
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
-
-/// Everything published, in order.
-type Published = Arc<Mutex<Vec<(Output, Vec<u8>)>>>;
-
-struct Collector {
-    published: Published,
-    shown: Arc<Mutex<Vec<LiveStatus>>>,
-}
-
-impl Outlet for Collector {
-    fn wants(&self, output: Output) -> bool {
-        output != Output::Overlay
-    }
-
-    fn publish(&mut self, output: Output, message: Vec<u8>) {
-        self.published.lock().unwrap().push((output, message));
-    }
-
-    fn show(&mut self, status: &LiveStatus) {
-        self.shown.lock().unwrap().push(status.clone());
-    }
-}
-
-struct Setting {
-    stream: Arc<LiveStream>,
-    published: Published,
-    shown: Arc<Mutex<Vec<LiveStatus>>>,
-    session: LiveSession,
-}
-
-fn recording() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../dataset/tests/data/mcap/room.mcap")
-}
-
-fn setting(options: LiveOptions, load: Option<&Path>) -> Setting {
-    let settings: Settings = SettingsLayers::default().resolve().unwrap();
-    let build: BuildPipeline = Box::new(move |map| match map {
-        Some(map) => Pipeline::builder(&settings).saved_memory(map).build(),
-        None => Pipeline::builder(&settings).build(),
-    });
-    setting_with(build, options, load)
-}
-
-fn setting_with(build: BuildPipeline, options: LiveOptions, load: Option<&Path>) -> Setting {
-    let mut dataset = DatasetSettings::default();
-    dataset.world_frame = Some("map".to_owned());
-    let stream = Arc::new(LiveStream::without_drops(&dataset).unwrap());
-    let (published, shown) = (Published::default(), Arc::default());
-    let outlet = Collector { published: Arc::clone(&published), shown: Arc::clone(&shown) };
-    let session = LiveSession::new(build, load, (Arc::clone(&stream), Box::new(outlet)), options).unwrap();
-    Setting { stream, published, shown, session }
-}
-
-/// Feeds a stream with the recording.
-fn feed(stream: &LiveStream) {
-    read_messages(&recording(), &mut |message| {
-        stream.feed_at((message.topic, message.type_name), message.data, message.recorded);
-        Ok(())
-    })
-    .unwrap();
-}
-
-/// Plays the recording into a session until its end.
-fn play(setting: &mut Setting) {
-    let stream = Arc::clone(&setting.stream);
-    std::thread::scope(|scope| {
-        scope.spawn(move || {
-            feed(&stream);
-            stream.end();
-        });
-        setting.session.run(&mut || false).unwrap();
-    });
-}
 
 #[test]
 fn messages_agree_with_the_saved_objects() {
