@@ -5,17 +5,16 @@ use crate::{LiveFrame, Outlet, Output};
 use splatseg::Pipeline;
 use splatseg::pipeline::{FrameResult, MapPlaces};
 use splatseg_dataset::CoordinateFrames;
-use splatseg_geometry::{Image, SegmentId};
+use splatseg_geometry::Image;
 use splatseg_objects::{Object, ObjectList, SeenObjects};
 use splatseg_odometry::PoseState;
 use splatseg_output::draw_overlay;
 use splatseg_output::ros_messages::{
-    CAMERA, CameraPose, IdPixels, PointBytes, ShownObject, WORLD, camera_pose, detections, id_image, markers,
+    CAMERA, CameraPose, IdPixels, PointBytes, ShownObject, WORLD, all_markers, camera_pose, detections, id_image,
     occupancy_grid, overlay, plan_transform,
 };
 use splatseg_places::FloorPlan;
 use splatseg_ros::{Detection3dArray, Header, OccupancyGrid, TextMessage, Time, to_cdr};
-use std::collections::BTreeSet;
 use std::time::Duration;
 
 /// Child frame of the transform with the tracked pose. The camera's own frame may have a parent already.
@@ -28,8 +27,6 @@ const UNKNOWN: i8 = -1;
 #[derive(Debug, Default)]
 pub(crate) struct Results {
     frames: CoordinateFrames,
-    /// Objects in the latest markers.
-    marked: BTreeSet<SegmentId>,
 }
 
 impl Results {
@@ -75,7 +72,7 @@ impl Results {
     }
 
     /// Publishes the objects that count ([`Object::counts`]), with the stamp of the latest frame.
-    pub(crate) fn publish_objects(&mut self, list: &ObjectList, stamp: Duration, outlet: &mut dyn Outlet) {
+    pub(crate) fn publish_objects(&self, list: &ObjectList, stamp: Duration, outlet: &mut dyn Outlet) {
         if outlet.wants(Output::Objects) {
             send(outlet, Output::Objects, to_cdr(&self.detections(stamp, list.objects.iter())));
         }
@@ -83,12 +80,10 @@ impl Results {
             let nanoseconds = time(stamp).nanoseconds();
             let shown: Vec<ShownObject> =
                 list.objects.iter().filter_map(|object| ShownObject::new(nanoseconds, object)).collect();
-            let ids: BTreeSet<SegmentId> = shown.iter().map(|object| object.id).collect();
-            let mut message = markers(&shown, &self.marked.difference(&ids).copied().collect::<Vec<_>>());
+            let mut message = all_markers(&shown);
             let header = header(stamp, self.world());
             message.markers.iter_mut().for_each(|marker| marker.header = header.clone());
             send(outlet, Output::Markers, to_cdr(&message));
-            self.marked = ids;
         }
     }
 

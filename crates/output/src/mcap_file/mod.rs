@@ -202,7 +202,7 @@ fn write_boxes(recording: &mut Recording, shown: &[ShownObject]) -> io::Result<(
         let (Some(object), until) = (new.first(), before + new.len()) else { continue };
         let objects = if until <= MAX_REPEATED { shown.get(..until).unwrap_or(new) } else { new };
         recording.write_scene_update("/splatseg/boxes", object.first_seen, &scene_update::scene_update(objects))?;
-        recording.write("/splatseg/markers", object.first_seen, &ros_messages::markers(objects, &[]))?;
+        recording.write("/splatseg/markers", object.first_seen, &ros_messages::markers(objects))?;
         before = until;
     }
     Ok(())

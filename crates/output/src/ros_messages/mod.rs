@@ -11,7 +11,7 @@ pub use depth_messages::{DepthPixels, depth_image};
 pub(crate) use frame_messages::number;
 pub use frame_messages::{CameraPose, IdPixels, camera_info, camera_pose, color_png, id_image, map_origin, overlay};
 pub(crate) use object_messages::{BOX_OPACITY, TEXT_HEIGHT};
-pub use object_messages::{PointBytes, ShownObject, detections, markers};
+pub use object_messages::{PointBytes, ShownObject, all_markers, detections, markers};
 pub use plan_messages::{occupancy_grid, plan_transform};
 
 /// The coordinate frame of camera poses and objects.

@@ -140,17 +140,17 @@ fn point_bytes(map: &MapView<'_>, offset: DVec3) -> Vec<u8> {
     bytes
 }
 
-/// Markers for the box and the id of each object, and deletions of the markers of the objects `gone`.
-pub fn markers(objects: &[ShownObject], gone: &[SegmentId]) -> MarkerArray<'static> {
-    let deletion = |id: &SegmentId, namespace: &str| Marker {
-        ns: namespace.to_owned(),
-        id: marker_id(*id),
-        action: action::DELETE,
-        ..Marker::default()
-    };
-    let deleted = gone.iter().flat_map(|id| [BOXES, IDS].map(|namespace| deletion(id, namespace)));
-    let added = objects.iter().flat_map(|object| [box_marker(object), id_marker(object)]);
-    MarkerArray { markers: deleted.chain(added).collect() }
+/// Markers for the box and the id of each object.
+pub fn markers(objects: &[ShownObject]) -> MarkerArray<'static> {
+    MarkerArray { markers: objects.iter().flat_map(|object| [box_marker(object), id_marker(object)]).collect() }
+}
+
+/// As [`markers`], for all objects that there are. The first marker deletes those of earlier messages, so that whoever misses
+/// one, or comes later, shows no object that is gone.
+pub fn all_markers(objects: &[ShownObject]) -> MarkerArray<'static> {
+    let mut message = markers(objects);
+    message.markers.insert(0, Marker { action: action::DELETE_ALL, ..Marker::default() });
+    message
 }
 
 fn marker_id(id: SegmentId) -> i32 {
