@@ -32,19 +32,20 @@ impl LivePlaces {
         self.summary.as_deref()
     }
 
-    /// Takes a finished plan and begins the next one, if it is time and `is_wanted`. Returns true if there is a new plan.
+    /// Takes a finished plan and begins the next one, if it is time and `is_wanted`. Returns true if there is a new plan, or
+    /// none could be made.
     pub(crate) fn step(&mut self, pipeline: &mut Pipeline, is_wanted: bool) -> bool {
         if !is_wanted && self.beside.is_none() {
             return false;
         }
         let made = self.beside().and_then(|beside| beside.step(pipeline, is_wanted));
-        made.is_some_and(|made| self.take(made))
+        made.map(|made| self.take(made)).is_some()
     }
 
-    /// Makes the plan of the map as it is at the end. Returns true if it is a new one.
+    /// Makes the plan of the map as it is at the end. Returns as [`Self::step`].
     pub(crate) fn finish(&mut self, pipeline: &mut Pipeline) -> bool {
         let made = self.beside().and_then(|beside| beside.last(pipeline));
-        made.is_some_and(|made| self.take(made))
+        made.map(|made| self.take(made)).is_some()
     }
 
     /// Forgets the plans of a map that was replaced.
@@ -62,7 +63,7 @@ impl LivePlaces {
         self.beside.as_mut()
     }
 
-    fn take(&mut self, made: Result<MapPlaces, PoseSourceError>) -> bool {
+    fn take(&mut self, made: Result<MapPlaces, PoseSourceError>) {
         self.latest = match made {
             Ok(places) => {
                 self.summary = Some(match &places.plan {
@@ -78,6 +79,5 @@ impl LivePlaces {
                 None
             }
         };
-        self.latest.is_some()
     }
 }

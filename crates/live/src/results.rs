@@ -27,6 +27,10 @@ const UNKNOWN: i8 = -1;
 #[derive(Debug, Default)]
 pub(crate) struct Results {
     frames: CoordinateFrames,
+    /// The latest grid with all cells unknown; `None` before the first, and after this was published.
+    unknown_grid: Option<OccupancyGrid>,
+    /// True once a plan or a scene graph was published.
+    has_places: bool,
 }
 
 impl Results {
@@ -96,54 +100,61 @@ impl Results {
         detections(&header(stamp, self.world()), objects)
     }
 
-    /// Publishes free space, if the map shows a floor, and the scene graph, of a plan that is new.
+    /// Publishes free space and the scene graph of a plan that is new. If the map shows no floor any more, all cells of the
+    /// grid become unknown.
     pub(crate) fn publish_places(
-        &self,
-        pipeline: &Pipeline,
-        (seen, places): (&SeenObjects, &MapPlaces),
+        &mut self,
+        (pipeline, seen): (&Pipeline, &SeenObjects),
+        places: &MapPlaces,
         stamp: Duration,
         outlet: &mut dyn Outlet,
     ) {
+        self.has_places = true;
         outlet.show_plan(places.plan.as_ref().ok());
-        if let Ok(plan) = &places.plan {
-            if let Some(transform) = plan_transform(time(stamp), plan, self.world()) {
-                send(outlet, Output::MapFrame, to_cdr(&transform));
-            }
-            self.publish_grid(plan, |values| values, stamp, outlet);
+        match &places.plan {
+            Ok(plan) => self.publish_grid(plan, stamp, outlet),
+            Err(_) => self.withdraw_grid(stamp, outlet),
         }
         publish_graph(pipeline, &objects(pipeline, seen, Some(places)), outlet);
     }
 
-    /// Takes back the plan of a map that was replaced by that of `pipeline`: who drives by the grid, or comes later, must not
-    /// see walls of another place.
+    /// Takes back what was published of plans, if anything was: there is none of the map of `pipeline`. Who drives by the
+    /// grid, or comes later, must not see walls of another place.
     pub(crate) fn withdraw_places(
-        &self,
-        pipeline: &Pipeline,
-        (seen, places): (&SeenObjects, &MapPlaces),
+        &mut self,
+        (pipeline, seen): (&Pipeline, &SeenObjects),
         stamp: Duration,
         outlet: &mut dyn Outlet,
     ) {
-        outlet.show_plan(None);
-        if let Ok(plan) = &places.plan {
-            self.publish_grid(plan, |values| vec![UNKNOWN; values.len()], stamp, outlet);
+        if self.has_places {
+            outlet.show_plan(None);
+            self.withdraw_grid(stamp, outlet);
+            publish_graph(pipeline, &objects(pipeline, seen, None), outlet);
         }
-        publish_graph(pipeline, &objects(pipeline, seen, None), outlet);
     }
 
-    /// Publishes the grid of a plan with other values.
-    fn publish_grid(
-        &self,
-        plan: &FloorPlan,
-        values: impl FnOnce(Vec<i8>) -> Vec<i8>,
-        stamp: Duration,
-        outlet: &mut dyn Outlet,
-    ) {
+    /// Publishes the grid of a plan, and its frame if that is not the world.
+    fn publish_grid(&mut self, plan: &FloorPlan, stamp: Duration, outlet: &mut dyn Outlet) {
         match occupancy_grid(time(stamp), plan, self.world()) {
             Ok(message) => {
-                let message = OccupancyGrid { data: values(message.data), ..message };
+                if let Some(transform) = plan_transform(time(stamp), plan, self.world()) {
+                    send(outlet, Output::MapFrame, to_cdr(&transform));
+                }
                 send(outlet, Output::Map, to_cdr(&message));
+                self.unknown_grid = Some(OccupancyGrid { data: vec![UNKNOWN; message.data.len()], ..message });
             }
-            Err(error) => tracing::warn!("{}: {error}", Output::Map.topic()),
+            Err(error) => {
+                tracing::warn!("{}: {error}", Output::Map.topic());
+                self.withdraw_grid(stamp, outlet);
+            }
+        }
+    }
+
+    /// Publishes the latest grid with all cells unknown, unless that was done.
+    fn withdraw_grid(&mut self, stamp: Duration, outlet: &mut dyn Outlet) {
+        if let Some(mut message) = self.unknown_grid.take() {
+            (message.header.stamp, message.info.map_load_time) = (time(stamp), time(stamp));
+            send(outlet, Output::Map, to_cdr(&message));
         }
     }
 

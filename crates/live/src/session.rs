@@ -482,10 +482,12 @@ impl LiveSession {
         }
     }
 
+    /// Publishes the latest plan, or takes back the one before if there is none any more.
     fn publish_places(&mut self) {
-        if let Some(places) = self.places.latest() {
-            let known = (&self.seen, places);
-            self.results.publish_places(&self.pipeline, known, self.latest_stamp, self.outlet.as_mut());
+        let of_map = (&self.pipeline, &self.seen);
+        match self.places.latest() {
+            Some(places) => self.results.publish_places(of_map, places, self.latest_stamp, self.outlet.as_mut()),
+            None => self.results.withdraw_places(of_map, self.latest_stamp, self.outlet.as_mut()),
         }
     }
 
@@ -602,11 +604,8 @@ impl LiveSession {
         // The names were those of the map of before.
         self.has_new_names = false;
         self.seen = SeenObjects::default();
-        if let Some(places) = self.places.latest() {
-            let known = (&self.seen, places);
-            self.results.withdraw_places(&self.pipeline, known, self.latest_stamp, self.outlet.as_mut());
-        }
         self.places.forget();
+        self.publish_places();
         self.waiting = WaitingFrames::default();
         self.map_version += 1;
         self.outlet.reset();
