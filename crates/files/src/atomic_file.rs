@@ -2,7 +2,7 @@
 
 use std::ffi::OsStr;
 use std::fs::File;
-use std::io::{BufWriter, ErrorKind, Result, Write};
+use std::io::{BufWriter, Error, ErrorKind, Result, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use tempfile::TempPath;
 
@@ -46,6 +46,24 @@ impl AtomicFile {
         // Some network file systems have no locks. What a killed program leaves there stays.
         let _ = file.try_lock();
         Ok(Self { file: BufWriter::new(file), temporary, path })
+    }
+
+    /// Drops everything behind the first `bytes` bytes, which must have been [flushed](Write::flush). What is written next
+    /// follows them, also after an error of writing: a part of what could not be written may be in the file.
+    ///
+    /// # Errors
+    /// If fewer bytes are in the file, or it cannot be cut.
+    pub fn truncate(&mut self, bytes: u64) -> Result<()> {
+        let mut file = self.file.get_ref().try_clone()?;
+        let found = file.metadata()?.len();
+        if found < bytes {
+            return Err(Error::other(format!("{found} bytes are in the file, expected {bytes} or more")));
+        }
+        file.set_len(bytes)?;
+        file.seek(SeekFrom::Start(bytes))?;
+        // Taken apart, so that it does not write its buffer.
+        let _ = std::mem::replace(&mut self.file, BufWriter::new(file)).into_parts();
+        Ok(())
     }
 
     /// Renames the file to its destination, replacing any existing file. Returns when both the content and the name are on
@@ -230,6 +248,24 @@ mod tests {
         commit(b"first").unwrap();
         assert_eq!(commit(b"second").unwrap_err().kind(), ErrorKind::AlreadyExists);
         assert_eq!((fs::read(&path).unwrap(), names(folder.path()).len()), (b"first".to_vec(), 1));
+    }
+
+    #[test]
+    fn a_file_that_was_cut_goes_on_behind_the_cut() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        let mut file = AtomicFile::create(&path).unwrap();
+        file.write_all(b"whole").unwrap();
+        assert!(file.truncate(5).is_err(), "not in the file yet");
+        file.flush().unwrap();
+        // Some of it is in the file, some in the buffer.
+        file.write_all(&vec![7; 100_000]).unwrap();
+        file.write_all(b"part").unwrap();
+        file.truncate(5).unwrap();
+        assert_eq!(remove_leftovers(&path), 0, "it is still locked");
+        file.write_all(b", end").unwrap();
+        file.commit().unwrap();
+        assert_eq!((fs::read(&path).unwrap(), names(folder.path()).len()), (b"whole, end".to_vec(), 1));
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Recording of what a session uses of its stream.
 
 use splatseg_dataset::UndecodedFrame;
-use splatseg_output::StreamRecording;
+use splatseg_output::{StreamRecording, StreamRecordingError};
 use std::collections::BTreeMap;
 use std::io;
 use std::path::Path;
@@ -10,16 +10,17 @@ use std::time::Duration;
 /// Writes the images of the frames that are used, and all messages with poses and calibrations, as they were received. Fed
 /// with them, a session without drops uses the same frames.
 pub(crate) struct Recorder {
-    file: StreamRecording,
+    /// `None` after an error: the file has ended.
+    file: Option<StreamRecording>,
     /// Type of each topic with images.
     images: BTreeMap<String, String>,
-    /// The first error: nothing is written after it.
-    error: Option<io::Error>,
+    /// Why it has ended before the stream.
+    error: Option<StreamRecordingError>,
 }
 
 impl Recorder {
     pub(crate) fn create(path: &Path) -> io::Result<Self> {
-        Ok(Self { file: StreamRecording::create(path)?, images: BTreeMap::new(), error: None })
+        Ok(Self { file: Some(StreamRecording::create(path)?), images: BTreeMap::new(), error: None })
     }
 
     /// Takes in a message that may be used.
@@ -41,12 +42,22 @@ impl Recorder {
     }
 
     fn write(&mut self, topic: (&str, &str), data: &[u8], received: Duration) {
-        if self.error.is_none() {
-            self.error = self.file.write(topic, received, data).err();
+        let written = self.file.as_mut().map_or(Ok(()), |file| file.write(topic, received, data));
+        if let Err(error) = written {
+            // At once, while there is room for the index: nobody knows what comes until the end.
+            self.error = self.file.take().map(|file| file.end_early(error));
         }
     }
 
-    pub(crate) fn finish(self) -> io::Result<()> {
-        self.error.map_or_else(|| self.file.finish(), Err)
+    /// Why the recording has ended before the stream, in a sentence.
+    pub(crate) fn problem(&self) -> Option<String> {
+        self.error.as_ref().map(ToString::to_string)
+    }
+
+    pub(crate) fn finish(self) -> Result<(), StreamRecordingError> {
+        match (self.file, self.error) {
+            (_, Some(error)) => Err(error),
+            (file, None) => file.map_or(Ok(()), StreamRecording::finish),
+        }
     }
 }

@@ -404,6 +404,7 @@ impl LiveSession {
         let alone = counts.dropped.unpaired;
         self.status.dropped_frames = alone + (counts.dropped.total() - alone).div_ceil(self.images_per_frame);
         self.status.counts = counts;
+        self.status.recording_problem = self.stream.recording_problem();
     }
 
     fn do_what_is_due(&mut self) {

@@ -27,6 +27,8 @@ pub struct LiveStatus {
     pub problem: Option<String>,
     /// Whether the map is on the disk; `None` if it is not to be saved.
     pub saving: Option<SaveStatus>,
+    /// Why the stream is not recorded any more, and what is in the file; `None` if it is, or is not to be.
+    pub recording_problem: Option<String>,
     /// Contradictions between what came with the frames and what they show, a sentence each.
     pub doubts: Vec<String>,
     /// Frames with a result in the last second.
@@ -64,11 +66,11 @@ pub struct SaveStatus {
 }
 
 impl LiveStatus {
-    /// Everything that is wrong now: the problem with the frames, and that of saving the map.
+    /// Everything that is wrong now: the problem with the frames, and those of saving the map and recording the stream.
     pub fn problems(&self) -> Vec<String> {
         let unsaved = self.saving.as_ref().and_then(|saving| saving.problem.as_ref());
         let unsaved = unsaved.map(|problem| format!("the map is not saved: {problem}"));
-        self.problem.iter().cloned().chain(unsaved).collect()
+        self.problem.iter().cloned().chain(unsaved).chain(self.recording_problem.clone()).collect()
     }
 
     fn silence_text(&self) -> String {
@@ -198,5 +200,9 @@ mod tests {
         assert_eq!(level_and_message(&status).1, unsaved);
         status.saving = Some(SaveStatus { saved_frames: Some(9), problem: None });
         assert_eq!(level_and_message(&status), (DiagnosticStatus::STALE, "paused".to_owned()));
+        let cut = "used.mcap: the recording ends early, with 7 messages: no space";
+        status.recording_problem = Some(cut.to_owned());
+        assert_eq!(level_and_message(&status), (DiagnosticStatus::ERROR, cut.to_owned()));
+        assert!(status.to_string().starts_with(&format!("{cut}; 0.0 frames/s")), "{status}");
     }
 }

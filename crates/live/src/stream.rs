@@ -4,6 +4,7 @@ use crate::recorder::Recorder;
 use splatseg_dataset::{
     CoordinateFrames, DatasetError, DatasetSettings, FrameMatcher, MatchCounts, MatchLimits, UndecodedFrame,
 };
+use splatseg_output::StreamRecordingError;
 use std::io;
 use std::path::Path;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -67,7 +68,8 @@ impl LiveStream {
 
     /// Records what is used from now on: the images of the frames that are taken, and all poses and calibrations. A session
     /// that is fed with them without drops uses the same frames. The file appears at `path` only after
-    /// [`Self::finish_recording`].
+    /// [`Self::finish_recording`], or when it cannot be written any more, e.g. because the disk is full: then it has the
+    /// messages before, and [`Self::recording_problem`] says so.
     ///
     /// # Errors
     /// If no file can be written there.
@@ -80,10 +82,15 @@ impl LiveStream {
     /// Ends the recording, if there is one.
     ///
     /// # Errors
-    /// If the file could not be written.
-    pub fn finish_recording(&self) -> io::Result<()> {
+    /// If not all messages could be written. The error says what is in the file.
+    pub fn finish_recording(&self) -> Result<(), StreamRecordingError> {
         let recorder = self.lock().recorder.take();
         recorder.map_or(Ok(()), Recorder::finish)
+    }
+
+    /// Returns why the recording has ended before the stream, in a sentence; `None` if it goes on, or there is none.
+    pub fn recording_problem(&self) -> Option<String> {
+        self.lock().recorder.as_ref().and_then(Recorder::problem)
     }
 
     /// Returns the time since the Unix epoch.

@@ -18,7 +18,7 @@ mod run_output;
 pub use coco::CocoFile;
 pub use error::{OutputError, write_atomically, write_unsynced};
 pub use glyphs::{GLYPH_HEIGHT, text_pixels, text_width};
-pub use mcap_file::{Compression, McapFile, SceneCounts, SceneRecording, StreamRecording};
+pub use mcap_file::{Compression, McapFile, SceneCounts, SceneRecording, StreamRecording, StreamRecordingError};
 pub use objects_file::ObjectsFile;
 pub use overlay::{draw_overlay, segment_color, write_overlay_jpeg};
 pub use page::{ComparedIds, MapData, Page, PlanData, VIEWER_SCRIPT, encode_ids, live_page, map_data};

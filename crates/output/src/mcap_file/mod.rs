@@ -44,7 +44,7 @@ use splatseg_ros::Time;
 use std::collections::BTreeMap;
 use std::io;
 use std::path::PathBuf;
-pub use stream_recording::StreamRecording;
+pub use stream_recording::{StreamRecording, StreamRecordingError};
 
 /// Interval between frames without timestamps, nanoseconds: 30 frames per second. It is also the time of the first, as 0
 /// means "no time" in ROS.

@@ -2,7 +2,7 @@
 
 use super::compression::Compression;
 use super::scene_update::{SceneUpdate, schema};
-use super::writer::{McapWriter, Schema};
+use super::writer::{EndedEarly, McapWriter, Schema};
 use serde::Serialize;
 use splatseg_files::AtomicFile;
 use splatseg_ros::{Interface, Message, to_cdr};
@@ -107,7 +107,25 @@ impl Recording {
     }
 
     /// Writes the index and moves the file to its path.
-    pub(super) fn finish(self) -> io::Result<()> {
-        self.writer.finish()?.commit()
+    pub(super) fn finish(mut self) -> io::Result<()> {
+        self.write_end()?;
+        self.commit()
+    }
+
+    /// Writes the last messages and the index.
+    pub(super) fn write_end(&mut self) -> io::Result<()> {
+        self.writer.finish()
+    }
+
+    /// Moves the file to its path after [`Self::write_end`].
+    pub(super) fn commit(self) -> io::Result<()> {
+        self.writer.into_file().commit()
+    }
+
+    /// Moves the part of the file that is whole to its path, after an error of writing: see [`McapWriter::end_early`].
+    pub(super) fn end_early(self) -> io::Result<EndedEarly<()>> {
+        let EndedEarly { out, messages, has_summary } = self.writer.end_early()?;
+        out.commit()?;
+        Ok(EndedEarly { out: (), messages, has_summary })
     }
 }

@@ -6,6 +6,7 @@ use super::chunk::{Chunk, Times};
 use super::compression::Compression;
 use super::records::{Fields, code};
 use crc32fast::Hasher;
+use splatseg_files::AtomicFile;
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
@@ -13,6 +14,9 @@ use std::io::{self, Write};
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// A message starts a new chunk if the current one has more bytes before compression.
 const CHUNK_BYTES: usize = 1 << 20;
+/// The summary of a file that cannot grow takes the place of this many chunks at most, and one for each 1,000 chunks: the
+/// summary has about 150 bytes for each.
+const CHUNKS_FOR_SUMMARY: usize = 2;
 
 /// A file: messages in chunks, each with an index, and a summary at the end that has all channels and places of chunks.
 pub(super) struct McapWriter<W> {
@@ -24,6 +28,43 @@ pub(super) struct McapWriter<W> {
     crc: Hasher,
     chunk: Chunk,
     summary: Summary,
+    /// The file at its beginning, and after each chunk.
+    whole: Vec<WholeChunks>,
+}
+
+/// A file up to the end of a chunk: all bytes before are written.
+struct WholeChunks {
+    /// Number of bytes.
+    offset: u64,
+    /// CRC of these.
+    crc: Hasher,
+    /// Number of schemas and channels.
+    schemas: usize,
+    channels: usize,
+    times: Times,
+    messages: BTreeMap<u16, u64>,
+}
+
+/// A file that can be made shorter.
+pub(super) trait Truncate: Write {
+    /// Drops everything behind the first `bytes` bytes, which were flushed. What is written next follows them.
+    fn truncate(&mut self, bytes: u64) -> io::Result<()>;
+}
+
+impl Truncate for AtomicFile {
+    fn truncate(&mut self, bytes: u64) -> io::Result<()> {
+        AtomicFile::truncate(self, bytes)
+    }
+}
+
+/// A file that has ended before all messages were written.
+#[derive(Debug)]
+pub(super) struct EndedEarly<W> {
+    pub(super) out: W,
+    /// Number of messages in it.
+    pub(super) messages: u64,
+    /// True if it has its summary and its end.
+    pub(super) has_summary: bool,
 }
 
 /// The summary of a file.
@@ -52,10 +93,11 @@ impl<W: Write> McapWriter<W> {
     /// Starts a file with its profile, the name of the writing program, and the compression of its chunks.
     pub(super) fn new(out: W, (profile, library): (&str, &str), compression: Compression) -> io::Result<Self> {
         let (chunk, summary) = Default::default();
-        let mut writer = Self { out, compression, offset: 0, crc: Hasher::new(), chunk, summary };
+        let mut writer = Self { out, compression, offset: 0, crc: Hasher::new(), chunk, summary, whole: Vec::new() };
         writer.write_all(MAGIC)?;
         writer
             .write_all(&Fields::default().bytes(profile.as_bytes())?.bytes(library.as_bytes())?.record(code::HEADER))?;
+        writer.note_whole()?;
         Ok(writer)
     }
 
@@ -108,18 +150,60 @@ impl<W: Write> McapWriter<W> {
             let stored = self.chunk.store(self.compression, self.offset)?;
             self.write_all(&stored.bytes)?;
             self.summary.chunks.push(stored.index);
+            self.note_whole()?;
         }
         Ok(())
     }
 
-    /// Writes the last chunk and the summary, and returns the file.
-    pub(super) fn finish(mut self) -> io::Result<W> {
+    /// Notes that a chunk is whole once it is written.
+    fn note_whole(&mut self) -> io::Result<()> {
+        self.out.flush()?;
+        let Summary { schemas, channels, times, messages, .. } = &self.summary;
+        self.whole.push(WholeChunks {
+            offset: self.offset,
+            crc: self.crc.clone(),
+            schemas: schemas.len(),
+            channels: channels.len(),
+            times: *times,
+            messages: messages.clone(),
+        });
+        Ok(())
+    }
+
+    /// Writes the last chunk and the summary.
+    pub(super) fn finish(&mut self) -> io::Result<()> {
         self.finish_chunk()?;
+        self.write_end()
+    }
+
+    /// Returns the file.
+    pub(super) fn into_file(self) -> W {
+        self.out
+    }
+
+    /// Writes the end of the data and the summary.
+    fn write_end(&mut self) -> io::Result<()> {
         let data_end = Fields::default().u32(self.crc.clone().finalize()).record(code::DATA_END);
         self.write_all(&data_end)?;
         let start = self.offset;
         self.crc = Hasher::new();
         let summary = std::mem::take(&mut self.summary);
+        let offsets = self.write_summary(&summary);
+        self.summary = summary;
+        let (offsets, offsets_start) = (offsets?, self.offset);
+        offsets.iter().try_for_each(|offset| self.write_all(offset))?;
+        // The CRC of the summary is also that of the footer up to it.
+        let crc_bytes = size_of::<u32>();
+        let footer = Fields::default().u64(start).u64(offsets_start).start_of_record(code::FOOTER, crc_bytes);
+        self.write_all(&footer)?;
+        let crc = self.crc.clone().finalize();
+        self.write_all(&crc.to_le_bytes())?;
+        self.write_all(MAGIC)?;
+        self.out.flush()
+    }
+
+    /// Writes the records of the summary, and returns those that say where each kind of them is.
+    fn write_summary(&mut self, summary: &Summary) -> io::Result<Vec<Vec<u8>>> {
         let statistics = vec![summary.statistics()?];
         let groups = [
             (code::SCHEMA, &summary.schemas),
@@ -134,16 +218,7 @@ impl<W: Write> McapWriter<W> {
             let place = Fields::default().u8(code).u64(group).u64(self.offset - group);
             offsets.push(place.record(code::SUMMARY_OFFSET));
         }
-        let offsets_start = self.offset;
-        offsets.iter().try_for_each(|offset| self.write_all(offset))?;
-        // The CRC of the summary is also that of the footer up to it.
-        let crc_bytes = size_of::<u32>();
-        let footer = Fields::default().u64(start).u64(offsets_start).start_of_record(code::FOOTER, crc_bytes);
-        self.write_all(&footer)?;
-        let crc = self.crc.clone().finalize();
-        self.write_all(&crc.to_le_bytes())?;
-        self.write_all(MAGIC)?;
-        Ok(self.out)
+        Ok(offsets)
     }
 
     fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
@@ -151,6 +226,44 @@ impl<W: Write> McapWriter<W> {
         self.offset += bytes.len() as u64;
         self.crc.update(bytes);
         Ok(())
+    }
+}
+
+impl<W: Truncate> McapWriter<W> {
+    /// Ends a file in which something could not be written, e.g. because the disk is full. It has the chunks that are whole,
+    /// and its summary. If there is no room for that, the last chunks give theirs; if that does not help, e.g. because
+    /// others write to the disk, there is no summary: readers of recordings that were cut off can read it.
+    ///
+    /// # Errors
+    /// If the file cannot be cut, or no chunk is whole.
+    pub(super) fn end_early(mut self) -> io::Result<EndedEarly<W>> {
+        let chunks = self.summary.chunks.len();
+        let spare = (CHUNKS_FOR_SUMMARY + chunks / 1000).min(chunks.saturating_sub(1));
+        for dropped in 0..=spare {
+            if dropped > 0 {
+                self.whole.pop();
+            }
+            let messages = self.cut_to_whole_chunks()?;
+            if self.write_end().is_ok() {
+                return Ok(EndedEarly { out: self.out, messages, has_summary: true });
+            }
+        }
+        let messages = self.cut_to_whole_chunks()?;
+        Ok(EndedEarly { out: self.out, messages, has_summary: false })
+    }
+
+    /// Drops what was written behind the latest chunk that is whole, and returns the number of messages before.
+    fn cut_to_whole_chunks(&mut self) -> io::Result<u64> {
+        let chunks = self.whole.len().saturating_sub(1);
+        let whole = self.whole.last().filter(|_| chunks > 0);
+        let whole = whole.ok_or_else(|| io::Error::other("nothing of it is whole"))?;
+        self.out.truncate(whole.offset)?;
+        (self.offset, self.crc) = (whole.offset, whole.crc.clone());
+        self.summary.schemas.truncate(whole.schemas);
+        self.summary.channels.truncate(whole.channels);
+        self.summary.chunks.truncate(chunks);
+        (self.summary.times, self.summary.messages) = (whole.times, whole.messages.clone());
+        Ok(self.summary.messages.values().sum())
     }
 }
 
@@ -203,7 +316,8 @@ mod tests {
             let channel = *channels.entry(topic).or_insert_with(|| writer.add_channel(topic, schema, "cdr").unwrap());
             writer.write_message(channel, message.1, &content(message)).unwrap();
         }
-        writer.finish().unwrap()
+        writer.finish().unwrap();
+        writer.into_file()
     }
 
     /// The same by the crate `mcap`.
@@ -263,5 +377,112 @@ mod tests {
         let mut expected: Vec<(usize, u64)> = messages.iter().map(|&(topic, time, _)| (topic, time)).collect();
         expected.sort_unstable();
         assert_eq!(found, expected);
+    }
+    /// A file on a disk with little room.
+    struct SmallDisk {
+        file: Vec<u8>,
+        room: usize,
+    }
+
+    impl Write for SmallDisk {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let written = bytes.len().min(self.room - self.file.len());
+            if written == 0 && !bytes.is_empty() {
+                return Err(io::ErrorKind::StorageFull.into());
+            }
+            self.file.extend(&bytes[..written]);
+            Ok(written)
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Truncate for SmallDisk {
+        fn truncate(&mut self, bytes: u64) -> io::Result<()> {
+            self.file.truncate(bytes as usize);
+            Ok(())
+        }
+    }
+
+    /// Writes messages to a disk with some room, as far as it goes.
+    fn written_with_room(messages: &[Planned], room: usize) -> io::Result<EndedEarly<SmallDisk>> {
+        let out = SmallDisk { file: Vec::new(), room };
+        let mut writer = McapWriter::new(out, ("ros2", LIBRARY), Compression::None)?;
+        let mut channels = BTreeMap::new();
+        for message in messages {
+            let (topic, name) = TOPICS[message.0];
+            let schema = Schema { name, encoding: "ros2msg", text: "int32 sec" };
+            let channel = *channels.entry(topic).or_insert_with(|| writer.add_channel(topic, schema, "cdr").unwrap());
+            if writer.write_message(channel, message.1, &content(message)).is_err() {
+                return writer.end_early();
+            }
+        }
+        match writer.finish() {
+            Ok(()) => Ok(EndedEarly { out: writer.into_file(), messages: messages.len() as u64, has_summary: true }),
+            Err(_) => writer.end_early(),
+        }
+    }
+
+    #[test]
+    fn on_a_full_disk_the_whole_chunks_are_a_file() {
+        // Chunks of four messages of two topics; the third topic comes with the last.
+        let mut messages: Vec<Planned> = (0..21).map(|at| (at % 2, at as u64 * 1000, 300_000)).collect();
+        messages.push((2, 1, 5));
+        let whole = written(&messages, Compression::None);
+        let mut found = Vec::new();
+        let rooms = [whole.len(), whole.len() - 1, whole.len() - 400_000, 4_900_000, 1_300_000];
+        // The chunks end at another place in each.
+        for room in rooms.into_iter().chain((3_000_000..4_300_000).step_by(99_991)) {
+            let ended = written_with_room(&messages, room).unwrap();
+            let (count, file) = (ended.messages as usize, ended.out.file);
+            assert!(ended.has_summary && file.len() <= room, "{room}");
+            check_index(&file, &messages[..count]);
+            let read = mcap::MessageStream::new(&file).unwrap().map(|message| message.unwrap().data.to_vec());
+            assert!(read.eq(messages[..count].iter().map(content)), "{room}");
+            // A chunk of four messages and the summary have 1.2 MB and 1 kB.
+            assert!(count + 8 > room * messages.len() / whole.len(), "{room}: {count}");
+            found.push(count);
+        }
+        assert_eq!(found[..2], [22, 20], "all, and all but those of the last chunk");
+        // There is nothing to keep before the first chunk ends.
+        assert!(written_with_room(&messages, 1_000_000).is_err());
+    }
+
+    /// Others fill the disk as soon as something is cut.
+    #[test]
+    fn without_room_for_a_summary_there_is_none() {
+        struct Filling(SmallDisk);
+        impl Write for Filling {
+            fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+                self.0.write(bytes)
+            }
+
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        impl Truncate for Filling {
+            fn truncate(&mut self, bytes: u64) -> io::Result<()> {
+                self.0.room = bytes as usize;
+                self.0.truncate(bytes)
+            }
+        }
+        let out = Filling(SmallDisk { file: Vec::new(), room: 8_000_000 });
+        let mut writer = McapWriter::new(out, ("ros2", LIBRARY), Compression::None).unwrap();
+        let schema = Schema { name: "std_msgs/msg/String", encoding: "ros2msg", text: "string data" };
+        let channel = writer.add_channel("/a", schema, "cdr").unwrap();
+        let message = |at: u64| content(&(0, at, 300_000));
+        assert!((0..40).any(|at| writer.write_message(channel, at, &message(at)).is_err()));
+        let ended = writer.end_early().unwrap();
+        assert!(!ended.has_summary && ended.messages >= 12, "{}", ended.messages);
+        let file = ended.out.0.file;
+        let read: Vec<Vec<u8>> =
+            mcap::MessageStream::new_with_options(&file, mcap::read::Options::IgnoreEndMagic.into())
+                .unwrap()
+                .map_while(|message| Some(message.ok()?.data.to_vec()))
+                .collect();
+        assert!(read == (0..ended.messages).map(message).collect::<Vec<_>>());
     }
 }

@@ -129,9 +129,7 @@ impl SessionOptions {
     /// Ends the recording, if there is one.
     fn finish_recording(&self, stream: &LiveStream) -> Result<(), Failure> {
         let Some(file) = &self.record else { return Ok(()) };
-        stream
-            .finish_recording()
-            .map_err(|error| Failure::runtime(format!("{}: the recording is not saved: {error}", file.display())))?;
+        stream.finish_recording().map_err(Failure::runtime)?;
         report!("recording: {}", file.display());
         Ok(())
     }

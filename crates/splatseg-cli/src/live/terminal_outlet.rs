@@ -9,20 +9,23 @@ use std::time::{Duration, Instant};
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
 /// Shows the state: one line that changes on a terminal, otherwise a line every ten seconds. That the map cannot be saved
-/// any more is said at once, and that it can be again.
+/// any more is said at once, and that it can be again, and so is the early end of a recording.
 pub struct TerminalOutlet {
     bar: ProgressBar,
     latest: Option<Instant>,
     is_terminal: bool,
     /// Why the map is not saved, as it was said last.
     unsaved: Option<String>,
+    /// True once the early end of the recording was said.
+    has_told_recording: bool,
 }
 
 impl TerminalOutlet {
     pub fn new() -> Self {
         let style = ProgressStyle::with_template("{wide_msg}").unwrap_or_else(|_| ProgressStyle::default_spinner());
         let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::no_length() };
-        Self { bar: bar.with_style(style), latest: None, is_terminal: shows_progress(), unsaved: None }
+        let bar = bar.with_style(style);
+        Self { bar, latest: None, is_terminal: shows_progress(), unsaved: None, has_told_recording: false }
     }
 }
 
@@ -41,6 +44,10 @@ impl Outlet for TerminalOutlet {
                 None => inform!("the map is saved again"),
             });
             self.unsaved = unsaved;
+        }
+        if let Some(problem) = status.recording_problem.as_ref().filter(|_| !self.has_told_recording) {
+            self.bar.suspend(|| say_error!("warning: {problem}"));
+            self.has_told_recording = true;
         }
         if self.is_terminal {
             self.bar.set_message(escape(&status.to_string()).into_owned());
