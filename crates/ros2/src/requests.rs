@@ -75,7 +75,12 @@ fn get(requests: &Requests) -> Answer {
     let requests = requests.clone();
     Box::new(move |request| {
         let Id { id } = from_cdr(request)?;
-        to_cdr(&objects(&requests, move |_| move |object: &Object| i64::from(object.id) == id))
+        let mut found = objects(&requests, move |_| move |object: &Object| i64::from(object.id) == id);
+        // Of the services, only this one asks for an object that there must be.
+        if found.success && found.objects.detections.is_empty() {
+            (found.success, found.message) = (false, "no such object".to_owned());
+        }
+        to_cdr(&found)
     })
 }
 
@@ -105,9 +110,6 @@ fn reply(objects: Result<Detection3dArray, String>) -> Objects {
         detections: Vec::new(),
     };
     match objects {
-        Ok(objects) if objects.detections.is_empty() => {
-            Objects { success: false, message: "no such object".to_owned(), objects }
-        }
         Ok(objects) => Objects { success: true, message: format!("{} objects", objects.detections.len()), objects },
         Err(message) => Objects { success: false, message, objects: nothing() },
     }

@@ -245,7 +245,9 @@ fn topics_give_the_objects_of_their_recording_and_services_answer() {
         let (success, _, found) = find("the largest one");
         assert!(success && !found.detections.is_empty() && found.detections.len() <= listed.detections.len());
         assert!(found.detections.iter().all(|found| listed.detections.iter().any(|listed| listed.id == found.id)));
-        assert!(!find("piano").0);
+        // That nothing fits is an answer.
+        let (success, message, found) = find("piano");
+        assert_eq!((success, message.as_str(), found.detections.len()), (true, "0 objects", 0));
     });
 }
 
@@ -295,7 +297,11 @@ fn nonsense_is_counted_and_changes_nothing() {
             peer.wait_for_reader(&dds_service(&format!("/splatseg/{service}"))[0]);
             (0..20).for_each(|len| writer.write(RawCdr([vec![0, 1, 0, 0], bytes(len)].concat()), None).unwrap());
         }
-        // The node still answers.
+        // The node still answers: there are no objects, which is no error.
+        let all = to_cdr(&EmptyRequest::default()).unwrap();
+        let reply = peer.call("/splatseg/list_objects", "splatseg_msgs/srv/ListObjects", all);
+        let (success, message, listed): (bool, String, Detection3dArray) = from_cdr(&reply).unwrap();
+        assert_eq!((success, message.as_str(), listed.detections.len()), (true, "0 objects", 0));
         let names = to_cdr(&vec!["use_sim_time".to_owned()]).unwrap();
         let reply = peer.call("/splatseg/get_parameter_types", "rcl_interfaces/srv/GetParameterTypes", names);
         assert_eq!(from_cdr::<Vec<u8>>(&reply).unwrap(), [1]);
