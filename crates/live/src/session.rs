@@ -242,6 +242,8 @@ impl LiveSession {
     fn process(&mut self, is_stopped: &mut dyn FnMut() -> bool) -> Result<(), LiveError> {
         let mut has_more_requests = false;
         while !is_stopped() {
+            // Asked before: the last frames of a stream that ends while the session waits come with the next look.
+            let is_over = self.stream.is_over();
             match self.stream.wait(if has_more_requests { Duration::ZERO } else { WAIT }) {
                 Some(frame) => {
                     if self.status.is_paused {
@@ -253,7 +255,7 @@ impl LiveSession {
                     }
                     self.waiting_since = Instant::now();
                 }
-                None if self.stream.is_over() => break,
+                None if is_over => break,
                 None if self.status.frames + self.status.skipped == 0 => self.status.problem = self.stream.undecided(),
                 // That a frame could not be used is the problem until one can.
                 None => {}

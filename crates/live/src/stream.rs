@@ -165,7 +165,8 @@ impl LiveStream {
         self.clock == Clock::Messages
     }
 
-    /// Returns true if the stream has ended.
+    /// Returns true if the stream has ended. Frames may be left: there are none if it had ended before [`Self::wait`]
+    /// returned `None`.
     pub fn is_over(&self) -> bool {
         self.lock().is_over
     }
