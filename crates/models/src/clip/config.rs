@@ -8,8 +8,10 @@ use serde_json::Value;
 use splatseg_kernels::Activation;
 use std::path::PathBuf;
 
-/// Channels per attention head of every published network of these layouts.
+/// Channels per attention head of most published networks of these layouts.
 const HEAD_WIDTH: usize = 64;
+/// Widths of the image towers that have 16 heads all the same: ViT-H/14, ViT-g/14, ViT-bigG/14 and ViT-e/14.
+const WIDE_TOWERS: [usize; 4] = [1280, 1408, 1664, 1792];
 /// Limits far above every published network, so that no file makes the program take all memory.
 const MAX_WIDTH: usize = 4096;
 const MAX_BLOCKS: usize = 96;
@@ -198,11 +200,12 @@ impl Reader<'_> {
         Ok(TowerConfig { width, heads, blocks, activation: self.activation(tower)? })
     }
 
-    fn heads(&self, tower: &str, width: usize) -> Result<usize, ClipError> {
+    fn heads(&mut self, tower: &str, width: usize) -> Result<usize, ClipError> {
         let number = |key| self.given.as_ref()?.value(tower, key)?.as_u64();
         let count = number("num_attention_heads").or_else(|| number("heads"));
         let of_width = number("head_width").filter(|width| *width > 0).map(|head| width as u64 / head);
-        let heads = count.or(of_width).unwrap_or((width / HEAD_WIDTH) as u64);
+        let given = count.or(of_width);
+        let heads = given.unwrap_or_else(|| usual_heads(tower, width) as u64);
         let is_possible = heads > 0 && (width as u64).is_multiple_of(heads);
         // The rotary encoding turns pairs of channels, half of them by the column and half by the row.
         let is_turned = self.layout == ClipLayout::PerceptionEncoder && tower == "vision";
@@ -213,6 +216,10 @@ impl Reader<'_> {
             &format!("a divisor of {width}"),
             is_possible,
         )?;
+        // A Perception Encoder has none but the usual number.
+        if given.is_none() && self.layout != ClipLayout::PerceptionEncoder {
+            self.assumed.push(format!("the {tower} tower has {heads} heads (put the network's config.json beside it)"));
+        }
         Ok(heads as usize)
     }
 
@@ -297,5 +304,24 @@ impl Reader<'_> {
         }
         let path = self.checkpoint.path().to_owned();
         Err(ClipError::Size { path, what: what.to_owned(), found, expected: expected.to_owned() })
+    }
+}
+
+/// Heads of a tower of this width in the published networks.
+fn usual_heads(tower: &str, width: usize) -> usize {
+    if tower == "vision" && WIDE_TOWERS.contains(&width) { 16 } else { width / HEAD_WIDTH }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Widths and heads as in the configurations of open_clip: ViT-B, ViT-L, ViT-H/14, ViT-g/14, ViT-bigG/14.
+    #[test]
+    fn wide_image_towers_have_wide_heads() {
+        let image = [(768, 12), (1024, 16), (1280, 16), (1408, 16), (1664, 16)];
+        let text = [(512, 8), (768, 12), (1024, 16), (1280, 20)];
+        assert!(image.iter().all(|(width, heads)| usual_heads("vision", *width) == *heads));
+        assert!(text.iter().all(|(width, heads)| usual_heads("text", *width) == *heads));
     }
 }
