@@ -173,6 +173,8 @@ impl Method for Sam2Splat {
         self.track_new_objects(&mut tracks, &found.masks)?;
         let shown = Shown::new(frame, tracks, Some(recall.expected()));
         let remapped = self.memory.remap_recognised(&shown.segments);
+        // As in `correct_map`: otherwise the track would bring back an id that stands for no object any more.
+        remapped.iter().for_each(|ids| self.tracker.remove(ids.from));
         let update = self.memory.update(recall, &shown.segments, &BTreeSet::new())?;
         let update = FrameUpdate { remapped, ..update };
         self.memory.record_shown(&shown.segments);
