@@ -2,8 +2,8 @@
 
 use super::tables::{Cell, PaperResults, PublishedTable, TableRow};
 use super::{EFFICIENCY, PublishedEfficiency};
+use crate::Origin;
 use crate::spread::Spread;
-use crate::{Measurement, Origin};
 
 /// A measured row of the efficiency table.
 #[derive(Clone, Debug)]
@@ -34,7 +34,7 @@ pub(super) fn table(results: &PaperResults<'_>) -> PublishedTable {
     PublishedTable {
         title: "Efficiency".to_owned(),
         notes: vec![
-            "Frames per second of the whole method, with reading but without scoring and drawing. Millions of numbers: \
+            "Frames per second of the whole method over all videos, with reading but without scoring and drawing. Millions of numbers: \
              the parameters of FastSAM, or of the tracker without the FastSAM that prompts it, and the memory at the end of \
              a video, mean over the videos."
                 .to_owned(),
@@ -54,12 +54,11 @@ pub(super) fn table(results: &PaperResults<'_>) -> PublishedTable {
 fn measured(results: &PaperResults<'_>, row: &EfficiencyRow) -> TableRow {
     let of_variant = |variant| results.scannet.map(|benchmark| benchmark.of_variant(variant)).unwrap_or_default();
     let measurements = row.variant.map(of_variant).unwrap_or_default();
-    let mean = |value: fn(&Measurement<'_>) -> f64| {
-        let values: Vec<f64> = measurements.iter().map(|measurement| value(measurement)).collect();
-        Spread::from_values(&values).map(|spread| spread.mean)
-    };
-    let speed = mean(|measurement| measurement.frames_per_second);
-    let memory = mean(|measurement| measurement.parameters as f64 / 1e6).filter(|memory| *memory > 0.0);
+    let mean = |values: &[f64]| Spread::from_values(values).map(|spread| spread.mean);
+    let speeds = results.scannet.map(|benchmark| benchmark.speeds_by_seed(&measurements)).unwrap_or_default();
+    let speed = mean(&speeds);
+    let sizes: Vec<f64> = measurements.iter().map(|measurement| measurement.parameters as f64 / 1e6).collect();
+    let memory = mean(&sizes).filter(|memory| *memory > 0.0);
     let backbone = row.backbone_parameters.filter(|_| speed.is_some()).map(|count| count as f64 / 1e6);
     TableRow {
         name: row.name.clone(),
