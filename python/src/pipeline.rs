@@ -14,7 +14,7 @@ use pyo3::prelude::*;
 use pyo3::pyclass::{PyTraverseError, PyVisit};
 use pyo3::types::PyDict;
 use rayon::ThreadPool;
-use splatseg::geometry::{MapView, PoseFormat};
+use splatseg::geometry::{KeyframeId, MapView, PoseFormat};
 use splatseg::names::{ClipNames, Query, find_objects};
 use splatseg::objects::{FrameStamp, ObjectName, SeenObjects};
 use splatseg::odometry::PoseState;
@@ -58,7 +58,7 @@ struct State {
 type Sighting = (SegmentId, usize, (usize, usize, usize, usize), f32, usize, usize);
 
 /// Result of a step: ids, confidence, objects, masks if they may overlap, milliseconds per stage, the camera's pose and
-/// its state.
+/// its state, ids that became others, the segmenter's finer cut, and the frame's keyframe.
 type Step = (
     Py<PyArray2<u32>>,
     Py<PyArray2<f32>>,
@@ -69,7 +69,11 @@ type Step = (
     &'static str,
     Vec<(SegmentId, SegmentId)>,
     Option<Py<PyArray2<u32>>>,
+    Anchor,
 );
+
+/// The keyframe that a frame's surfaces follow, and its pose at the time, camera to world.
+type Anchor = (KeyframeId, [f64; 16]);
 
 #[pymethods]
 impl Pipeline {
@@ -198,8 +202,9 @@ impl Pipeline {
         Ok(py.detach(|| in_pool(self.threads.as_ref(), || state.pipeline.settle())))
     }
 
-    /// The ids of an earlier frame as the map shows them now; those of the time if its pose was unknown.
-    #[pyo3(signature = (rgb, depth, k, camera_to_world, ids, regions=None, depth_scale=None))]
+    /// The ids of an earlier frame as the map shows them now. With `anchor`, from where the frame is by now: its keyframe
+    /// may have moved since.
+    #[pyo3(signature = (rgb, depth, k, camera_to_world, ids, regions=None, depth_scale=None, anchor=None))]
     #[allow(clippy::too_many_arguments, reason = "the parts of a frame, and what it showed")]
     fn look_again(
         &self,
@@ -211,12 +216,20 @@ impl Pipeline {
         ids: &Bound<'_, PyAny>,
         regions: Option<&Bound<'_, PyAny>>,
         depth_scale: Option<f64>,
+        anchor: Option<Anchor>,
     ) -> PyResult<Py<PyArray2<u32>>> {
         let (color, depth) = (color_image(rgb, "rgb")?, depth_image(depth, depth_scale)?);
         let (camera, pose) = (intrinsics(k, color.size())?, pose(camera_to_world)?);
-        let frame = CameraFrame::new("again", color, depth, camera).map_err(value_error)?.at(pose);
+        let frame = CameraFrame::new("again", color, depth, camera).map_err(value_error)?;
         let regions = regions.map(|regions| id_image(regions, "regions")).transpose()?;
         let guard = self.lock()?;
+        let frame = frame.at(match anchor {
+            Some((keyframe, then)) => {
+                let world_from_keyframe = Pose::from_saved_row_major(then).map_err(value_error)?;
+                guard.pipeline.corrected(keyframe, &world_from_keyframe, pose)
+            }
+            None => pose,
+        });
         let mut segments = id_image(ids, "ids")?;
         if let Some(memory) = guard.pipeline.memory() {
             let names = memory.remapped_ids();
@@ -460,7 +473,7 @@ fn map_of(state: &State) -> PyResult<MapView<'_>> {
 
 fn step_result(
     py: Python<'_>,
-    FrameResult { output, regions, objects, times, pose, anchor: _, turn: _, remapped, events: _, doubts }: FrameResult,
+    FrameResult { output, regions, objects, times, pose, anchor, turn: _, remapped, events: _, doubts }: FrameResult,
     time: Duration,
 ) -> PyResult<Step> {
     for doubt in doubts {
@@ -496,7 +509,8 @@ fn step_result(
     let matrix = to_rows(py, matrix.into_iter())?;
     let remapped = remapped.iter().map(|ids| (ids.from, ids.into)).collect();
     let regions = regions.map(|regions| to_array(py, regions)).transpose()?;
-    Ok((ids, confidence, sightings.collect(), masks, stages, matrix, state, remapped, regions))
+    let anchor = (anchor.keyframe, anchor.world_from_keyframe.to_row_major());
+    Ok((ids, confidence, sightings.collect(), masks, stages, matrix, state, remapped, regions, anchor))
 }
 
 /// The name that a callable gives an object.

@@ -1,5 +1,6 @@
 """Methods, run frame by frame."""
 
+import dataclasses
 import json
 import re
 import signal
@@ -76,6 +77,21 @@ def test_a_frame_can_be_looked_at_again(tmp_path, room, working_pixels, height):
     with pytest.raises(ValueError, match="cannot look at frames again"):
         other.look_again(result)
     assert not other.settle()
+
+
+def test_a_frame_is_looked_at_from_its_corrected_pose(room):
+    pipeline = ss.FastSamSplat(poses="track")
+    results = [step(pipeline, frame) for frame in room]
+    assert pipeline.settle()
+    result, moved = results[1], np.eye(4)
+    moved[:3, 3] = 0.2, 0.1, 0.0
+    keyframe, then = result._anchor
+    # As if the keyframe had been elsewhere when the frame was processed.
+    before = (np.linalg.inv(moved) @ np.reshape(then, (4, 4))).ravel().tolist()
+    again = pipeline.look_again(dataclasses.replace(result, _anchor=(keyframe, before)))
+    from_there = dataclasses.replace(result, camera_to_world=moved @ result.camera_to_world, _anchor=None)
+    np.testing.assert_array_equal(again, pipeline.look_again(from_there))
+    assert (again != pipeline.look_again(result)).any()
 
 
 def test_a_step_says_what_it_found(room):

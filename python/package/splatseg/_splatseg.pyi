@@ -169,6 +169,7 @@ class Pipeline:
         str,
         list[tuple[int, int]],
         NDArray[np.uint32] | None,
+        tuple[int, list[float]],
     ]: ...
     def settle(self) -> bool: ...
     def look_again(
@@ -180,6 +181,7 @@ class Pipeline:
         ids: NDArray[np.uint32],
         regions: NDArray[np.uint32] | None = None,
         depth_scale: float | None = None,
+        anchor: tuple[int, list[float]] | None = None,
     ) -> NDArray[np.uint32]: ...
     def objects(self) -> str: ...
     def name_objects(

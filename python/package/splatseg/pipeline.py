@@ -155,7 +155,7 @@ class Pipeline:
         else:
             # The result keeps them, and cameras use their buffers again.
             rgb, depth = _copy(rgb), _copy(depth)
-        ids, confidence, sightings, masks, times, pose, pose_state, remapped, regions = self._pipeline.step(
+        ids, confidence, sightings, masks, times, pose, pose_state, remapped, regions, anchor = self._pipeline.step(
             rgb, depth, K, camera_to_world, timestamp, name, depth_scale
         )
         return StepResult(
@@ -174,6 +174,7 @@ class Pipeline:
             regions=regions,
             _masks=masks,
             _depth_scale=depth_scale,
+            _anchor=anchor,
         )
 
     def run(
@@ -233,8 +234,9 @@ class Pipeline:
         """The ids of an earlier frame as they are known now: uint32, ``(height, width)``.
 
         ``result`` is what :meth:`step` returned for the frame. What later frames have taught also names the objects of the
-        first ones; ``splatseg run`` does this for every frame at the end. The frame is looked at from the pose in
-        ``result``; without a known pose, the ids stay as they are.
+        first ones; ``splatseg run`` does this for every frame at the end. The frame is looked at from where it is by now: if
+        a closed loop has corrected the camera's path, from the corrected pose. Without a known pose, the ids stay as they
+        are.
 
         Raises ``ValueError`` if the method cannot: only ``fastsam-splat`` with ``memory.kind=evidence`` can.
         """
@@ -248,6 +250,7 @@ class Pipeline:
             result.ids,
             result.regions,
             result._depth_scale,
+            result._anchor,
         )
 
     def objects(self) -> Objects:

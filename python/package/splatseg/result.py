@@ -56,6 +56,7 @@ class StepResult:
     ``working_pixels`` it has the resolution at which that was processed. ``None`` if there is none."""
     _masks: NDArray[np.bool_] | None = None
     _depth_scale: float | None = None
+    _anchor: tuple[int, list[float]] | None = None
 
     @property
     def masks(self) -> NDArray[np.bool_]:

@@ -2,7 +2,7 @@
 
 use super::stages::in_thread_pool;
 use super::{FrameResult, Pipeline, PipelineError};
-use splatseg_geometry::{FrameAnchor, Pose, RemappedId, RgbdFrame, SegmentId};
+use splatseg_geometry::{RemappedId, RgbdFrame, SegmentId};
 use splatseg_objects::{ObjectLog, ObjectSighting, RemapLog};
 use splatseg_odometry::PoseState;
 use splatseg_tracking::{FrameOutput, Hindsight, ShownFrame};
@@ -90,7 +90,7 @@ impl<T> WaitingFrames<T> {
         }
         let LateFrame { frame, mut result, belongings } = first;
         let pose = *frame.world_from_camera();
-        let pose = correction(&result.anchor, pipeline).map_or(pose, |correction| correction * pose);
+        let pose = pipeline.corrected(result.anchor.keyframe, &result.anchor.world_from_keyframe, pose);
         let frame = frame.into_camera_frame().at(pose);
         let shown = ShownFrame { segments: result.output.segments, regions: result.regions.take() };
         let mut output = match pipeline.hindsight() {
@@ -144,9 +144,4 @@ fn rename(result: &mut FrameResult, names: &BTreeMap<SegmentId, SegmentId>) {
             None => masks.push((id, mask)),
         }
     }
-}
-
-/// New world coordinates from those of the time, if the keyframe of a frame has moved since.
-fn correction(anchor: &FrameAnchor, pipeline: &Pipeline) -> Option<Pose> {
-    anchor.world_from_keyframe.motion_to(&pipeline.keyframe(anchor.keyframe)?.world_from_keyframe)
 }

@@ -304,6 +304,14 @@ impl Pipeline {
         self.poses.keyframe(id)
     }
 
+    /// The pose that an earlier frame has by now, camera to world, from `pose`, the one of the time: frames follow their
+    /// keyframe, which was at `world_from_keyframe` then; see [`FrameResult::anchor`].
+    pub fn corrected(&self, keyframe: KeyframeId, world_from_keyframe: &Pose, pose: Pose) -> Pose {
+        let now = self.keyframe(keyframe);
+        let correction = now.and_then(|now| world_from_keyframe.motion_to(&now.world_from_keyframe));
+        correction.map_or(pose, |correction| correction * pose)
+    }
+
     /// Log of every object seen so far.
     pub fn objects(&self) -> &ObjectLog {
         &self.objects
