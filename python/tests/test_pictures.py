@@ -107,6 +107,23 @@ def test_a_slow_viewer_delays_no_frame(tmp_path, room, monkeypatch):
     assert {"/world/camera/image/ids", "/world/map", "/world/boxes"} <= entities(tmp_path / "test.rrd")
 
 
+def test_an_error_of_the_viewer_is_raised(room, monkeypatch):
+    rr = pytest.importorskip("rerun")
+    result = step(ss.FastSamSplat(segmenter="graph"), room[0])
+
+    def broken(*_):
+        raise OSError("viewer is gone")
+
+    monkeypatch.setattr(ss.rerun, "_log_frame", broken)
+    logger = ss.rerun.Logger(rr.RecordingStream("test"))
+    logger.log(result)
+    with pytest.raises(OSError, match="viewer is gone"):
+        logger.close()
+    with pytest.raises(OSError, match="viewer is gone"):
+        logger.log(result)
+    logger.close()
+
+
 def test_view(tmp_path):
     pytest.importorskip("rerun")
     from splatseg.view import view

@@ -45,7 +45,7 @@ class Worker:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                text=True,
+                encoding="utf-8",
             )
         pipe_in, pipe_out = self.process.stdin, self.process.stdout
         assert pipe_in is not None and pipe_out is not None
@@ -78,7 +78,7 @@ def main(arguments: list[str]) -> int:
         code = _splatseg.run_command(["splatseg", *rest, "--plan", str(plan_file)], PROGRAM)
         if code != 0 or not plan_file.exists():
             return code
-        plan = json.loads(plan_file.read_text())
+        plan = json.loads(plan_file.read_bytes())
         failed_file.write_text("")
         if plan["jobs"]:
             ray.init(address=address, log_to_driver=False, logging_level=logging.WARNING)

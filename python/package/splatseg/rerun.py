@@ -140,7 +140,8 @@ class Logger:
     """Logs frames like :func:`log`, on a thread of its own. The newest frame replaces one that was not logged yet.
 
     The map is logged every ``map_interval`` seconds, while the viewer keeps up. ``recording`` is by default Rerun's current
-    recording. ``dropped`` counts the frames that were replaced.
+    recording. ``dropped`` counts the frames that were replaced. After an exception of
+    Rerun nothing is logged any more: every further :meth:`log` raises it, or :meth:`close` if there is none.
     """
 
     def __init__(self, recording: rerun.RecordingStream | None = None, *, map_interval: float = 2.0) -> None:
@@ -152,11 +153,14 @@ class Logger:
         self._frame: tuple[StepResult, int | None] | None = None
         self._map: _Map | None = None
         self._is_busy = self._is_over = False
+        self._error: Exception | None = None
+        self._is_error_raised = False
         self._thread = threading.Thread(target=self._run, name="rerun", daemon=True)
         self._thread.start()
 
     def log(self, result: StepResult, pipeline: Pipeline | None = None) -> None:
         """Passes a frame on, and at times the map of ``pipeline``, and returns at once."""
+        self._raise_error(again=True)
         now = time.monotonic()
         shown = None
         if pipeline is not None and not self._is_busy and now - self._map_logged >= self._map_interval:
@@ -173,6 +177,13 @@ class Logger:
             self._is_over = True
             self._news.notify()
         self._thread.join()
+        self._raise_error(again=False)
+
+    def _raise_error(self, *, again: bool) -> None:
+        """Raises what has ended the thread, if anything has."""
+        if self._error is not None and (again or not self._is_error_raised):
+            self._is_error_raised = True
+            raise self._error
 
     def __enter__(self) -> Self:
         return self
@@ -181,6 +192,12 @@ class Logger:
         self.close()
 
     def _run(self) -> None:
+        try:
+            self._log_all()
+        except Exception as error:  # noqa: BLE001 - the caller of `log` gets it
+            self._error = error
+
+    def _log_all(self) -> None:
         while True:
             with self._news:
                 self._is_busy = False

@@ -38,7 +38,7 @@ class Run:
 
     def objects(self) -> Objects:
         """All objects, the longest seen first."""
-        return Objects(parse(entry) for entry in json.loads((self.out / "objects.json").read_text())["objects"])
+        return Objects(parse(entry) for entry in json.loads((self.out / "objects.json").read_bytes())["objects"])
 
     def __repr__(self) -> str:
         return f"<splatseg.Run {os.fspath(self.out)!r}: {self.summary['frames']} frames>"
@@ -77,7 +77,7 @@ def run(
     arguments += ["--overwrite"] if overwrite else []
     arguments += [f"--set={key}={_text(value)}" for key, value in combined(of_segmenter, with_network(settings)).items()]
     _execute([*arguments, "--", os.fspath(source)])
-    return Run(Path(out), json.loads((Path(out) / "summary.json").read_text()))
+    return Run(Path(out), json.loads((Path(out) / "summary.json").read_bytes()))
 
 
 def _text(value: Any) -> str:
@@ -97,7 +97,8 @@ def _execute(arguments: list[str]) -> None:
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=None if in_terminal else subprocess.PIPE,
-        text=True,
+        encoding="utf-8",
+        errors="replace",
         # A second signal ends the command at once: it gets none from the terminal, only those that are passed on.
         start_new_session=True,
     )

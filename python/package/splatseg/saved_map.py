@@ -149,7 +149,7 @@ class SavedMap:
             elif value is not False and value is not None:
                 arguments += [f"{option}={one}" for one in values]
         command = [*PROGRAM, "--quiet", "export", *arguments, "--", os.fspath(self._path)]
-        ended = subprocess.run(command, check=False, capture_output=True, text=True)
+        ended = subprocess.run(command, check=False, capture_output=True, encoding="utf-8", errors="replace")
         if ended.returncode:
             problem = _as_arguments(ended.stderr.strip().removeprefix("error: "))
             raise ValueError(problem) if ended.returncode == 2 else RuntimeError(problem)

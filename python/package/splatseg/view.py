@@ -36,7 +36,7 @@ def view(out: Path, save: Path | None = None) -> None:
 
     if not (out / "summary.json").is_file():
         raise ValueError(f"{out}: has no summary.json, expected the folder of a splatseg run")
-    summary = json.loads((out / "summary.json").read_text())
+    summary = json.loads((out / "summary.json").read_bytes())
     scene = open_scene(_scene_path(out, summary), **summary["settings"]["dataset"])
     with rr.RecordingStream(f"splatseg {scene.name}") as recording:
         if save is None:
@@ -76,7 +76,7 @@ def _log_frames(out: Path, scene: Scene) -> None:
 def _log_boxes(out: Path) -> None:
     import rerun as rr
 
-    entries = json.loads((out / "objects.json").read_text())["objects"]
+    entries = json.loads((out / "objects.json").read_bytes())["objects"]
     shown = [(entry.id, entry.shape) for entry in map(objects.parse, entries) if entry.shape is not None]
     boxes = rr.Boxes3D(
         centers=[shape.center for _, shape in shown],
