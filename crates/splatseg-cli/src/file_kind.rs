@@ -44,6 +44,13 @@ impl FileKind {
     };
     /// The map of a live session.
     pub const MAP: Self = Self { option: "--map", content: "the map", ..Self::MEMORY };
+    /// The list of objects beside the map of a live session.
+    pub const OBJECTS: Self = Self {
+        content: "the objects",
+        name: "a list of objects by splatseg",
+        sign: Sign::Starts(&[b"{\n  \"format\": \"splatseg-objects\""]),
+        ..Self::MAP
+    };
     /// A map that `merge` or `name` saves.
     pub const CHANGED_MAP: Self = Self { option: "--out", ..Self::MAP };
     /// Gaussians or points for other programs.

@@ -94,7 +94,9 @@ impl SessionOptions {
                 inputs.add_scene(source);
             }
             inputs.check_output_file(map)?;
-            self.check_recording(&SavedMap::new(map.clone()))?;
+            let saved = SavedMap::new(map.clone());
+            self.check_recording(&saved)?;
+            FileKind::OBJECTS.check(&saved.objects(), OverwritePolicy::Replace)?;
             map_file = Some(ExtraFile::prepare(map, FileKind::MAP, OverwritePolicy::Replace)?);
         }
         let recording = match &self.record {

@@ -41,10 +41,14 @@ fn a_map_is_continued_and_nothing_else_is_replaced() {
         let ended = live(&recording(), &["--every-frame", "--map", map_text]);
         assert_eq!(ended.code, 0, "{}", ended.err);
     }
-    fs::write(&text, "mine").unwrap();
-    let ended = live(&recording(), &["--map", text.to_str().unwrap()]);
-    assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
-    assert_eq!(fs::read_to_string(&text).unwrap(), "mine");
+    // A map of its name would have its list of objects there.
+    let list = folder.path().join("mine.objects.json");
+    for (mine, map) in [(&text, &text), (&list, &folder.path().join("mine.ply"))] {
+        fs::write(mine, "mine").unwrap();
+        let ended = live(&recording(), &["--map", map.to_str().unwrap()]);
+        assert_eq!((ended.code, ended.err.lines().count()), (2, 1), "{}", ended.err);
+        assert_eq!(fs::read_to_string(mine).unwrap(), "mine");
+    }
 }
 
 #[test]
