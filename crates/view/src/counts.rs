@@ -18,7 +18,7 @@ pub struct ViewCounts {
     pub frames_skipped: u64,
     /// Frames replaced by a newer one before they were sent, over all viewers.
     pub frames_dropped: u64,
-    /// Foxglove messages discarded because a viewer was slow, over all viewers.
+    /// Foxglove messages replaced by a newer one of their channel before they were sent, over all viewers.
     pub messages_dropped: u64,
     /// Viewers disconnected because they took or answered nothing.
     pub viewers_dropped: u64,

@@ -4,11 +4,10 @@
 //! the same messages as far as they are used here.
 
 use crate::channel::{Channel, ChannelId};
-use crate::counts::Counters;
+use crate::counts::{Counters, count};
 use crate::slots::{MessageQueue, Queued, lock};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::sync::atomic::Ordering;
 use std::sync::{Arc, Mutex};
 use tungstenite::Bytes;
 
@@ -130,9 +129,9 @@ impl MessageHub {
     pub(crate) fn publish(&self, id: ChannelId, data: Bytes, time: u64, counters: &Counters) {
         let mut state = lock(&self.state);
         for viewer in &state.viewers {
-            if let Some(subscription) = viewer.subscriptions.get(&id) {
-                let dropped = viewer.queue.push(Queued::Data { subscription: *subscription, time, data: data.clone() });
-                counters.messages_dropped.fetch_add(dropped, Ordering::Relaxed);
+            let Some(subscription) = viewer.subscriptions.get(&id) else { continue };
+            if viewer.queue.push(Queued::Data { subscription: *subscription, time, data: data.clone() }) {
+                count(&counters.messages_dropped);
             }
         }
         if let Some(channel) = state.channel_mut(id).filter(|channel| channel.channel.latched) {
@@ -188,6 +187,7 @@ impl MessageHub {
         };
         let before = viewer.subscriptions.len();
         viewer.subscriptions.retain(|_, used| *used != subscription);
+        queue.forget(subscription);
         viewer.subscriptions.len() < before
     }
 }

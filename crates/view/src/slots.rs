@@ -5,10 +5,6 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use tungstenite::{Bytes, Message};
 
-/// Limits of the queue of a Foxglove viewer. The first message always fits.
-const MAX_MESSAGES: usize = 256;
-const MAX_BYTES: usize = 64 << 20;
-
 /// Locks a mutex. A thread that panicked leaves nothing half-changed here.
 pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -109,7 +105,7 @@ pub(crate) enum Queued {
     },
 }
 
-/// The messages that a Foxglove viewer has not been sent.
+/// The messages that a Foxglove viewer has not been sent: of each subscription the newest one.
 #[derive(Debug, Default)]
 pub(crate) struct MessageQueue {
     waiting: Mutex<Waiting>,
@@ -119,30 +115,34 @@ pub(crate) struct MessageQueue {
 #[derive(Debug, Default)]
 struct Waiting {
     texts: VecDeque<String>,
+    /// Subscription, time and message; each subscription at most once, the one that has waited longest first.
     data: VecDeque<(u32, u64, Bytes)>,
-    bytes: usize,
 }
 
 impl MessageQueue {
-    /// Adds a message. Returns the number of older ones that had to go.
-    pub(crate) fn push(&self, message: Queued) -> u64 {
+    /// Adds a message; data takes the place of older data of its subscription. Returns true if that was not sent.
+    pub(crate) fn push(&self, message: Queued) -> bool {
         let mut waiting = lock(&self.waiting);
-        let mut dropped = 0;
+        let mut old = None;
         match message {
             Queued::Text(text) => waiting.texts.push_back(text),
             Queued::Data { subscription, time, data } => {
-                waiting.bytes += data.len();
-                waiting.data.push_back((subscription, time, data));
-                while waiting.data.len() > 1 && (waiting.data.len() > MAX_MESSAGES || waiting.bytes > MAX_BYTES) {
-                    let oldest = waiting.data.pop_front().map_or(0, |(_, _, data)| data.len());
-                    waiting.bytes -= oldest;
-                    dropped += 1;
+                let new = (subscription, time, data);
+                // Its place in the line stays, so that a channel with many messages and one with few take turns.
+                match waiting.data.iter_mut().find(|(of, ..)| *of == subscription) {
+                    Some(place) => old = Some(std::mem::replace(place, new)),
+                    None => waiting.data.push_back(new),
                 }
             }
         }
         drop(waiting);
         self.news.notify_one();
-        dropped
+        old.is_some()
+    }
+
+    /// Discards the data of a subscription that has ended.
+    pub(crate) fn forget(&self, subscription: u32) {
+        lock(&self.waiting).data.retain(|(of, ..)| *of != subscription);
     }
 
     /// True if a text waits.
@@ -157,7 +157,6 @@ impl MessageQueue {
             return Some(Queued::Text(text));
         }
         let (subscription, time, data) = waiting.data.pop_front()?;
-        waiting.bytes -= data.len();
         Some(Queued::Data { subscription, time, data })
     }
 
@@ -173,8 +172,8 @@ impl MessageQueue {
 mod tests {
     use super::*;
 
-    fn data(number: u64, length: usize) -> Queued {
-        Queued::Data { subscription: 1, time: number, data: Bytes::from(vec![0; length]) }
+    fn data(subscription: u32, time: u64) -> Queued {
+        Queued::Data { subscription, time, data: Bytes::from_static(&[0]) }
     }
 
     #[test]
@@ -190,14 +189,17 @@ mod tests {
     }
 
     #[test]
-    fn a_full_queue_loses_its_oldest_data_but_no_text() {
+    fn the_newest_data_of_each_subscription_waits_and_no_text_is_lost() {
         let queue = MessageQueue::default();
-        queue.push(Queued::Text("channels".to_owned()));
-        let dropped: u64 = (0..MAX_MESSAGES as u64 + 10).map(|number| queue.push(data(number, 1))).sum();
-        assert_eq!(dropped, 10);
+        let dropped = [data(1, 10), data(2, 11), Queued::Text("channels".to_owned()), data(1, 12), data(1, 13)]
+            .map(|message| queue.push(message));
+        assert_eq!(dropped, [false, false, false, true, true]);
         assert!(matches!(queue.take(), Some(Queued::Text(text)) if text == "channels"));
-        assert!(matches!(queue.take(), Some(Queued::Data { time: 10, .. })));
-        assert_eq!(queue.push(data(999, MAX_BYTES)), MAX_MESSAGES as u64 - 1);
-        assert!(matches!(queue.take(), Some(Queued::Data { time: 999, .. })));
+        assert!(matches!(queue.take(), Some(Queued::Data { subscription: 1, time: 13, .. })));
+        // The first one has been taken, so its next message comes after the other channel's.
+        assert!(!queue.push(data(1, 14)));
+        assert!(matches!(queue.take(), Some(Queued::Data { subscription: 2, time: 11, .. })));
+        queue.forget(1);
+        assert!(queue.take().is_none(), "a subscription that has ended gets nothing");
     }
 }

@@ -46,7 +46,7 @@ fn one_of_ten_viewers_stops_reading() {
 }
 
 #[test]
-fn a_foxglove_viewer_that_stops_reading_loses_the_oldest_messages_and_then_its_connection() {
+fn a_foxglove_viewer_that_stops_reading_loses_older_messages_and_then_its_connection() {
     let server = start(ViewLimits { viewer_time: Duration::from_secs(1), ..ViewLimits::default() });
     let channel = server.add_channel(Channel::of::<PoseStamped>("/large"));
     let subscription = br#"{"op":"subscribe","subscriptions":[{"id":1,"channelId":1}]}"#;
@@ -66,6 +66,32 @@ fn a_foxglove_viewer_that_stops_reading_loses_the_oldest_messages_and_then_its_c
     wait_until("the subscription is known", || server.wants_message(channel));
     server.publish_message(channel, vec![9], 500);
     while reader.next().unwrap() != (BINARY, [&[1, 1, 0, 0, 0], &500_u64.to_le_bytes()[..], &[9]].concat()) {}
+}
+
+#[test]
+fn a_foxglove_viewer_that_was_slow_goes_on_with_the_newest_message() {
+    const MESSAGES: u64 = 40;
+    let server = start(ViewLimits { viewer_time: 6 * PATIENCE, ..ViewLimits::default() });
+    let channel = server.add_channel(Channel::of::<PoseStamped>("/large"));
+    let mut slow = WebSocket::open(&server, "foxglove.sdk.v1").0;
+    slow.send(TEXT, br#"{"op":"subscribe","subscriptions":[{"id":1,"channelId":1}]}"#);
+    wait_until("the subscription is known", || server.wants_message(channel));
+    // More than the system takes in for a viewer that does not read, whatever its buffers are.
+    for time in 0..MESSAGES {
+        server.publish_message(channel, vec![1; 1 << 20], time);
+        thread::sleep(Duration::from_millis(5));
+    }
+    let mut times = Vec::new();
+    while times.last() != Some(&(MESSAGES - 1)) {
+        let (kind, payload) = slow.next().unwrap();
+        if kind == BINARY {
+            times.push(u64::from_le_bytes(payload[5..13].try_into().unwrap()));
+        }
+    }
+    // Those that were on their way when it stopped, and the newest one.
+    let dropped = usize::try_from(server.counts().messages_dropped).unwrap();
+    assert!(dropped > 0 && times.len() + dropped == MESSAGES as usize, "{times:?}, {dropped} dropped");
+    assert!(times[times.len() - 2] < MESSAGES - 2, "{times:?}");
 }
 
 #[test]
