@@ -1,6 +1,7 @@
 //! Where the results of a session go.
 
 use crate::{LiveStatus, Requests};
+use glam::Vec3;
 use splatseg::Pipeline;
 use splatseg::pipeline::FrameResult;
 use splatseg_geometry::{Image as Pixels, Intrinsics, MapView, RemappedId};
@@ -156,11 +157,12 @@ pub trait Outlet: Send {
     /// watches. Also before the first frame, if a map was loaded.
     fn show_objects(&mut self, _objects: &ObjectList, _frames: usize) {}
 
-    /// Shows the map, if someone watches. Called often; `version` differs once the map has changed.
-    fn show_map(&mut self, _map: &MapView<'_>, _version: usize) {}
+    /// Shows the map, if someone watches. Called often; `version` differs once the map has changed. `up` is the
+    /// unit vector that points up in the world, if keyframes tell.
+    fn show_map(&mut self, _map: &MapView<'_>, _up: Option<Vec3>, _version: usize) {}
 
     /// As [`Self::show_map`], when no more frames come.
-    fn show_last_map(&mut self, _map: &MapView<'_>, _version: usize) {}
+    fn show_last_map(&mut self, _map: &MapView<'_>, _up: Option<Vec3>, _version: usize) {}
 
     /// Objects were merged by hand. Those that a frame shows to be one are in its result.
     fn merge(&mut self, _merged: &[RemappedId]) {}
@@ -223,12 +225,12 @@ impl Outlet for Vec<Box<dyn Outlet>> {
         self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_objects(objects, frames));
     }
 
-    fn show_map(&mut self, map: &MapView<'_>, version: usize) {
-        self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_map(map, version));
+    fn show_map(&mut self, map: &MapView<'_>, up: Option<Vec3>, version: usize) {
+        self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_map(map, up, version));
     }
 
-    fn show_last_map(&mut self, map: &MapView<'_>, version: usize) {
-        self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_last_map(map, version));
+    fn show_last_map(&mut self, map: &MapView<'_>, up: Option<Vec3>, version: usize) {
+        self.iter_mut().filter(|outlet| outlet.is_watched()).for_each(|outlet| outlet.show_last_map(map, up, version));
     }
 
     fn merge(&mut self, merged: &[RemappedId]) {

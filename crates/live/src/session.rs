@@ -416,7 +416,7 @@ impl LiveSession {
             self.publish_objects();
         }
         if let Some(map) = self.pipeline.map().filter(|_| self.outlet.is_watched()) {
-            self.outlet.show_map(&map, self.map_version);
+            self.outlet.show_map(&map, self.pipeline.up(), self.map_version);
         }
         if has_frames && passed(self.due.points, self.options.points_interval) {
             self.due.points = Instant::now();
@@ -437,7 +437,7 @@ impl LiveSession {
         // Its ids may have been settled since the latest frame.
         self.map_version += 1;
         if let Some(map) = self.pipeline.map().filter(|_| self.outlet.is_watched()) {
-            self.outlet.show_last_map(&map, self.map_version);
+            self.outlet.show_last_map(&map, self.pipeline.up(), self.map_version);
         }
         if self.status.frames > 0 {
             self.results.publish_points(&self.pipeline, self.latest_stamp, self.outlet.as_mut());

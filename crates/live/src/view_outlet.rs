@@ -1,6 +1,7 @@
 //! A session in the browser and in Foxglove.
 
 use crate::{LiveFrame, LiveRequest, LiveSession, LiveStatus, LiveStream, Outlet, Output, Requests};
+use glam::Vec3;
 use splatseg::segmenter::Detail;
 use splatseg_geometry::{Image as Pixels, MapView, RemappedId, SegmentId};
 use splatseg_objects::ObjectList;
@@ -123,14 +124,14 @@ impl Outlet for ViewOutlet {
         self.seen.keep_only(|id| ids.contains(&id));
     }
 
-    fn show_map(&mut self, map: &MapView<'_>, version: usize) {
-        if self.shown_map != Some(version) && self.server.publish_map(map) {
+    fn show_map(&mut self, map: &MapView<'_>, up: Option<Vec3>, version: usize) {
+        if self.shown_map != Some(version) && self.server.publish_map(map, up) {
             self.shown_map = Some(version);
         }
     }
 
-    fn show_last_map(&mut self, map: &MapView<'_>, version: usize) {
-        if self.shown_map != Some(version) && self.server.publish_last_map(map) {
+    fn show_last_map(&mut self, map: &MapView<'_>, up: Option<Vec3>, version: usize) {
+        if self.shown_map != Some(version) && self.server.publish_last_map(map, up) {
             self.shown_map = Some(version);
         }
     }

@@ -110,7 +110,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         let pose = (!lost).then(|| frame.world_from_camera());
         server.publish_frame(pose, || view_frame(index, &frame, &segments, lost));
         server.publish_objects(seen.objects.values().cloned().collect(), index + 1);
-        server.publish_map(&memory.map());
+        server.publish_map(&memory.map(), None);
         let time = index as u64 * 33_333_333;
         if server.wants_message(channel) {
             server.publish_message(channel, pose_message(&frame, time)?, time);

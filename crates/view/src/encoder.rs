@@ -3,6 +3,7 @@
 use crate::hub::{ListedObjects, PlacedFrame, RunNumber, Shared, Work};
 use crate::page_messages;
 use crate::slots::PageMessage;
+use glam::Vec3;
 use splatseg_output::MapData;
 use std::time::{Duration, Instant};
 
@@ -20,7 +21,8 @@ struct Sent {
     newer_objects: Option<ListedObjects>,
     /// When the list of objects was sent.
     objects_time: Option<Instant>,
-    map: Option<Box<MapData>>,
+    /// The map, and where it said that up is.
+    map: Option<(Box<MapData>, Vec3)>,
 }
 
 /// Encodes until the server stops.
@@ -39,11 +41,12 @@ pub(crate) fn run(shared: &Shared) {
                 send_objects(shared, &mut sent);
             }
             Work::Map(map, up) => {
-                if sent.map.as_ref() != Some(&map) {
+                let newest = (map, up);
+                if sent.map.as_ref() != Some(&newest) {
                     let (origin, _) = shared.pages.origin_and_rate();
-                    let message = page_messages::map(&map, up, origin);
+                    let message = page_messages::map(&newest.0, up, origin);
                     shared.pages.send(run, PageMessage::Map, &message, &shared.counters);
-                    sent.map = Some(map);
+                    sent.map = Some(newest);
                 }
             }
             Work::Objects(objects) => {

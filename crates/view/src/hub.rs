@@ -104,6 +104,7 @@ pub(crate) struct ListedObjects {
 #[derive(Debug)]
 pub(crate) enum Work {
     Frame(Box<PlacedFrame>),
+    /// A map, and where up is in the world.
     Map(Box<MapData>, Vec3),
     Objects(ListedObjects),
     /// The plan of the map, `None` if it has none any more.
@@ -127,7 +128,8 @@ pub(crate) struct PageHub {
 struct State {
     viewers: Vec<Arc<PageSlot>>,
     frame: Option<Box<PlacedFrame>>,
-    map: Option<Box<MapData>>,
+    /// The map, and where up is in the world, if the caller knows.
+    map: Option<(Box<MapData>, Option<Vec3>)>,
     /// The list of objects that nobody has been sent; it waits for a viewer.
     objects: Option<ListedObjects>,
     /// The plan that nobody has been sent; it waits for a viewer.
@@ -186,8 +188,8 @@ impl State {
         if let Some(frame) = self.frame.take() {
             return Work::Frame(frame);
         }
-        if let Some(map) = self.map.take() {
-            return Work::Map(map, self.up.direction());
+        if let Some((map, up)) = self.map.take() {
+            return Work::Map(map, up.unwrap_or_else(|| self.up.direction()));
         }
         if !self.viewers.is_empty() {
             if let Some(objects) = self.objects.take() {
@@ -227,7 +229,13 @@ impl PageHub {
         while state.published.front().is_some_and(|time| now - *time > RATE_TIME) {
             state.published.pop_front();
         }
-        (!state.viewers.is_empty()).then_some(index)
+        if state.viewers.is_empty() {
+            // Nobody gets a picture of this frame, and an earlier one is not the newest any more.
+            state.frame = None;
+            state.latest[PageMessage::Frame as usize] = None;
+            return None;
+        }
+        Some(index)
     }
 
     /// Puts a frame in the encoder's slot.
@@ -267,8 +275,8 @@ impl PageHub {
         !state.viewers.is_empty() && state.next_map.is_none_or(|time| Instant::now() >= time)
     }
 
-    /// Makes the map and puts it in the encoder's slot.
-    pub(crate) fn put_map(&self, map: &MapView<'_>, interval: Duration) {
+    /// Makes the map and puts it in the encoder's slot. Without `up`, the cameras of the frames so far tell where up is.
+    pub(crate) fn put_map(&self, map: &MapView<'_>, up: Option<Vec3>, interval: Duration) {
         let start = Instant::now();
         let origin = lock(&self.state).origin_near(map.origin);
         let data = Box::new(map_data(map, origin, |_| true));
@@ -276,7 +284,7 @@ impl PageHub {
         let old = {
             let mut state = lock(&self.state);
             state.next_map = Some(start + pause);
-            state.map.replace(data)
+            state.map.replace((data, up))
         };
         self.work.notify_one();
         drop(old);
@@ -341,7 +349,9 @@ impl PageHub {
         if state.run != run {
             return;
         }
-        if let Some(latest) = state.latest.get_mut(kind as usize) {
+        // A frame that was encoded for viewers who have left meanwhile may not be the newest.
+        let is_kept = kind != PageMessage::Frame || !state.viewers.is_empty();
+        if let Some(latest) = state.latest.get_mut(kind as usize).filter(|_| is_kept) {
             *latest = Some(message.clone());
         }
         for viewer in &state.viewers {

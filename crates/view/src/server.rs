@@ -7,6 +7,7 @@ use crate::page_messages::Hello;
 use crate::{
     AnswerViewer, Channel, ChannelId, Reach, Token, ViewCounts, ViewError, ViewFrame, ViewObject, ViewOptions,
 };
+use glam::Vec3;
 use splatseg_geometry::{MapView, Pose};
 use splatseg_places::FloorPlan;
 use std::io;
@@ -120,20 +121,22 @@ impl ViewServer {
     }
 
     /// Publishes the map if somebody watches the page and the last one is old enough
-    /// ([`ViewLimits::map_interval`](crate::ViewLimits)). Returns true if so. Does not wait; making the map takes milliseconds.
-    pub fn publish_map(&self, map: &MapView<'_>) -> bool {
+    /// ([`ViewLimits::map_interval`](crate::ViewLimits)). Returns true if so. `up` is the unit vector that points up in the
+    /// world; without it, the poses of the frames so far tell, and z before the first one. Does not wait; making the map
+    /// takes milliseconds.
+    pub fn publish_map(&self, map: &MapView<'_>, up: Option<Vec3>) -> bool {
         let is_wanted = self.shared.pages.wants_map();
         if is_wanted {
-            self.shared.pages.put_map(map, self.shared.limits.map_interval);
+            self.shared.pages.put_map(map, up, self.shared.limits.map_interval);
         }
         is_wanted
     }
 
     /// As [`Self::publish_map`], however old the last map is: this one will not change for a while.
-    pub fn publish_last_map(&self, map: &MapView<'_>) -> bool {
+    pub fn publish_last_map(&self, map: &MapView<'_>, up: Option<Vec3>) -> bool {
         let is_wanted = self.shared.pages.is_watched();
         if is_wanted {
-            self.shared.pages.put_map(map, self.shared.limits.map_interval);
+            self.shared.pages.put_map(map, up, self.shared.limits.map_interval);
         }
         is_wanted
     }

@@ -1,6 +1,7 @@
 //! A session on the messages of a small recording: what it publishes, saves and answers.
 
 use crate::support::{Published, Setting, feed, play, recording, setting, setting_with};
+use glam::Vec3;
 use splatseg::memory::SplatMemory;
 use splatseg::pipeline::NamedMap;
 use splatseg::segmenter::Detail;
@@ -302,11 +303,12 @@ fn after_a_reset_the_plan_of_the_map_before_is_withdrawn() {
     assert_eq!(graph.objects.len(), 0);
 }
 
-/// A message to a page: a list of objects with the number of frames, a version of the map, a merge, or a reset.
+/// A message to a page: a list of objects with the number of frames, a version of the map and whether it is known where up
+/// is, a merge, or a reset.
 #[derive(Clone, Debug, PartialEq)]
 enum Shown {
     Objects(Vec<u32>, usize),
-    Map(usize),
+    Map(usize, bool),
     LastMap(usize),
     /// Ids, each with the one that it was merged into.
     Merged(Vec<(u32, u32)>),
@@ -347,11 +349,11 @@ impl Outlet for Watcher {
         Watcher::show(self, Shown::Objects(objects.all().map(|object| object.id).collect(), frames));
     }
 
-    fn show_map(&mut self, _: &MapView<'_>, version: usize) {
-        Watcher::show(self, Shown::Map(version));
+    fn show_map(&mut self, _: &MapView<'_>, up: Option<Vec3>, version: usize) {
+        Watcher::show(self, Shown::Map(version, up.is_some()));
     }
 
-    fn show_last_map(&mut self, _: &MapView<'_>, version: usize) {
+    fn show_last_map(&mut self, _: &MapView<'_>, _: Option<Vec3>, version: usize) {
         Watcher::show(self, Shown::LastMap(version));
     }
 
@@ -396,7 +398,7 @@ fn the_page_gets_objects_and_map_of_the_end_without_a_frame_and_learns_of_a_rese
     let shown = std::mem::take(&mut *watcher.shown.lock().unwrap());
     let [objects, Shown::LastMap(last)] = &shown[shown.len() - 2..] else { panic!("{shown:?}") };
     assert_eq!(objects, &Shown::Objects(ids.clone(), 4), "the last list is that of the end");
-    assert!(shown.iter().all(|shown| !matches!(shown, Shown::Map(version) if version >= last)), "{shown:?}");
+    assert!(shown.iter().all(|shown| !matches!(shown, Shown::Map(version, _) if version >= last)), "{shown:?}");
 
     // The page learns of merges by hand, too.
     let list = setting.session.objects().objects;
@@ -424,7 +426,7 @@ fn the_page_gets_objects_and_map_of_the_end_without_a_frame_and_learns_of_a_rese
     };
     let reset = shown.iter().position(|shown| *shown == Shown::Reset).unwrap();
     let (before, after) = shown.split_at(reset);
-    assert!(counted(before).0 > 5 && before.contains(&Shown::Map(0)), "{before:?}");
+    assert!(counted(before).0 > 5 && before.contains(&Shown::Map(0, true)), "{before:?}");
     assert_eq!(counted(after), (0, 0), "{after:?}");
 }
 

@@ -1,5 +1,6 @@
 // What a person has changed on the page of a finished run: objects that are one, and labels. The files of the run stay as
-// they are; the changes are kept in the page's link and by the browser.
+// they are; the changes are kept in the page's link and by the browser. Those of a link that somebody opens are shown, and kept only once
+// they are changed; what the browser has kept before stays kept besides.
 
 import { mergedObject } from "./merged_object.js";
 
@@ -7,10 +8,16 @@ import { mergedObject } from "./merged_object.js";
 export const LABEL_LENGTH = 80;
 /** Begins the names under which browsers keep changes. */
 const KEPT = "splatseg edits ";
+/** Ends the name under which they keep changes, as texts, in whose place a link's were changed. */
+const OTHERS = " others";
 
 export class Edits {
   /** In order: `["merge", id, ...ids]`, of which the first one stays, or `["name", id, label]`, empty for none. */
   #steps = [];
+  /** True while the changes are a link's, and not kept. */
+  #isOfLink = false;
+  /** Texts of changes that are kept besides, the newest first. */
+  #others = [];
   #known;
   #key;
 
@@ -20,6 +27,8 @@ export class Edits {
     this.#key = `${KEPT}${digest(JSON.stringify([run.scene, run.names.length, run.objects.map(({ id, frames, area }) => [id, frames, area])]))}`;
     try {
       this.#steps = this.#checked(localStorage.getItem(this.#key) ?? "[]") ?? [];
+      const others = JSON.parse(localStorage.getItem(this.#key + OTHERS) ?? "[]");
+      this.#others = others.filter((text) => this.#checked(text));
     } catch {
       // Some browsers keep nothing for pages from disk.
     }
@@ -61,13 +70,30 @@ export class Edits {
     return ["id,label", ...texts, ""].join("\n");
   }
 
-  /** Takes the changes of a link. Returns false, and nothing is changed, if the text has none. */
+  /** Shows the changes of a link, which are not kept yet. Returns false, and nothing is changed, if the text has none. */
   read(text) {
     const steps = this.#checked(text);
     if (!steps) return false;
+    if (JSON.stringify(steps) === JSON.stringify(this.#steps)) return true;
+    this.#setAside();
     this.#steps = steps;
-    this.#keep();
+    this.#isOfLink = true;
     return true;
+  }
+
+  /** True if changes are kept besides those that are shown. */
+  get hasOthers() {
+    return this.#others.some((text) => text !== this.text);
+  }
+
+  /** Shows the newest changes that are kept besides, and keeps those that are shown besides, unless they are a link's. */
+  showOthers() {
+    const next = this.#others.find((text) => text !== this.text);
+    if (!next) return;
+    const shown = this.#isOfLink || !this.text ? [] : [this.text];
+    this.#others = [...this.#others.filter((text) => text !== next), ...shown];
+    this.#steps = JSON.parse(next);
+    this.#keep();
   }
 
   /** Objects after the changes, and for each id that is another one's now, that one: `{ objects, into }`. */
@@ -92,10 +118,18 @@ export class Edits {
     this.#keep();
   }
 
+  /** Keeps the changes besides others, unless they are a link's. */
+  #setAside() {
+    if (!this.#isOfLink && this.text) this.#others = [this.text, ...this.#others.filter((text) => text !== this.text)];
+  }
+
   #keep() {
+    this.#isOfLink = false;
+    const others = this.#others.filter((text) => text !== this.text);
+    this.#others = others;
     try {
-      if (this.#steps.length) localStorage.setItem(this.#key, this.text);
-      else localStorage.removeItem(this.#key);
+      store(this.#key + OTHERS, others.length ? JSON.stringify(others) : null);
+      store(this.#key, this.text);
     } catch {
       // The link has them.
     }
@@ -116,6 +150,12 @@ export class Edits {
         (step[0] === "name" && step.length === 3 && isId(step[1]) && typeof step[2] === "string" && step[2].length <= LABEL_LENGTH));
     return Array.isArray(steps) && steps.every(isStep) ? steps : null;
   }
+}
+
+/** Keeps a text in the browser; null removes it. */
+function store(key, text) {
+  if (text === null) localStorage.removeItem(key);
+  else localStorage.setItem(key, text);
 }
 
 /** A short number for a text (FNV-1a). */

@@ -161,6 +161,7 @@ export function showRun(run) {
     const { last } = edits;
     byElementId("undo").hidden = last === null;
     byElementId("undo").title = `Takes back the ${last} (z)`;
+    byElementId("kept-edits").hidden = !edits.hasOthers;
     select(run.into.get(selected) ?? selected);
   }
 
@@ -247,6 +248,7 @@ export function showRun(run) {
     Escape: () => merging.stop() || controls.stopMeasuring() || select(0),
   });
   byElementId("undo").addEventListener("click", undo);
+  byElementId("kept-edits").addEventListener("click", () => change(() => edits.showOthers()));
   labels.savedBy((id, label) => {
     change(() => edits.rename(id, label));
     labels.say("saved");

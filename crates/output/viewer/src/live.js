@@ -269,13 +269,10 @@ class LivePage {
   #showMap({ map, up, origin }) {
     this.#run.map = map;
     this.#run.origin = origin;
+    this.#run.up = up;
     if (map.count === 0) return;
-    if (this.#map) {
-      this.#map.replaceMap(map);
-    } else {
-      this.#run.up = up;
-      this.#createMap();
-    }
+    if (this.#map) this.#map.replaceMap(map);
+    else this.#createMap();
     byElementId("facts").textContent = `${counted(map.total, "Gaussian")} · splatseg ${this.#run.version}`;
     document.documentElement.dataset.gaussians = String(map.total);
   }

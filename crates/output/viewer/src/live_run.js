@@ -14,6 +14,7 @@ export class LiveRun {
   session = "";
   /** Origin of the coordinates of poses and map, world coordinates. */
   origin = [0, 0, 0];
+  /** Up in the world, a unit vector: that of the newest map. */
   up = [0, 0, 1];
   map = null;
   /** The floor plan; null if there is none yet. */

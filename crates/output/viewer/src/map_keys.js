@@ -4,15 +4,15 @@
 const ANGLE = Math.PI / 24;
 const ZOOM = 0.9;
 
-/** Moves the view of `controls` with the keys of its canvas; `moved` is called after each of them. */
-export function listenToMapKeys(canvas, controls, moved) {
+/** Moves the view of `controlsOf()` with the keys of its canvas; `moved` is called after each of them. */
+export function listenToMapKeys(canvas, controlsOf, moved) {
   const acts = {
-    ArrowLeft: () => controls.rotateLeft(ANGLE),
-    ArrowRight: () => controls.rotateLeft(-ANGLE),
-    ArrowUp: () => controls.rotateUp(ANGLE),
-    ArrowDown: () => controls.rotateUp(-ANGLE),
-    "+": () => controls.dollyIn(ZOOM),
-    "-": () => controls.dollyOut(ZOOM),
+    ArrowLeft: () => controlsOf().rotateLeft(ANGLE),
+    ArrowRight: () => controlsOf().rotateLeft(-ANGLE),
+    ArrowUp: () => controlsOf().rotateUp(ANGLE),
+    ArrowDown: () => controlsOf().rotateUp(-ANGLE),
+    "+": () => controlsOf().dollyIn(ZOOM),
+    "-": () => controlsOf().dollyOut(ZOOM),
   };
   // A click does not give the focus: arrow keys go on moving the frame.
   canvas.addEventListener("mousedown", (event) => {

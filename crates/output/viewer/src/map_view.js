@@ -17,6 +17,8 @@ const CLICK_PIXELS = 4;
 const CAMERA_COLOR = 0xf25c05;
 /** The view is widened once the map has grown or moved by this part of its radius, so that it does not move all the time. */
 const REFIT_GROWTH = 0.04;
+/** A newer up of the run is taken if it differs by more than this angle, radians. */
+const UP_ANGLE = 0.02;
 
 export class MapView {
   #run;
@@ -37,10 +39,14 @@ export class MapView {
   #isCovered = false;
   /** True while the camera's pose is unknown. */
   #lost = false;
+  /** Called after the user has changed the view. */
+  #moved;
   /** True once the user has turned or moved the view. */
   #touched = false;
   /** The extent that the view was last fitted to. */
   #fitted = null;
+  /** Part of the map's height above which nothing is drawn. */
+  #height = 1;
 
   /**
    * Throws if the browser has no WebGL. `actions`: `pick(id)` is called with the id that was clicked, 0 for none; `moved()`
@@ -50,21 +56,17 @@ export class MapView {
     this.#run = run;
     this.renderer = new WebGLRenderer({ canvas: this.#canvas, antialias: true });
     this.#drawing = new SplatDrawing(this.renderer);
+    this.camera = new PerspectiveCamera(FIELD_OF_VIEW_DEGREES, 1, 0.02, 1000);
+    this.#moved = actions.moved;
+    this.#orbit();
     const changes = changesOf(run.changes);
     const added = new Set(changes.flatMap(({ after }) => after?.id ?? []));
     this.splats = this.#splatsOf(run.map, run.byId, added);
     const removed = new Map(changes.flatMap(({ before }) => (before ? [[before.id, before]] : [])));
     this.before = run.changes && this.#splatsOf(run.changes.map_before, removed);
-    this.camera = new PerspectiveCamera(FIELD_OF_VIEW_DEGREES, 1, 0.02, 1000);
-    this.camera.up.fromArray(run.up);
-    this.controls = new OrbitControls(this.camera, this.#canvas);
-    this.controls.zoomToCursor = true;
-    this.controls.addEventListener("change", () => this.draw());
-    this.controls.addEventListener("start", () => (this.#touched = true));
-    this.controls.addEventListener("end", () => actions.moved?.());
-    listenToMapKeys(this.#canvas, this.controls, () => {
+    listenToMapKeys(this.#canvas, () => this.controls, () => {
       this.#touched = true;
-      actions.moved?.();
+      this.#moved?.();
     });
     this.#addLines();
     this.measure = new Measure(this.#scene, () => this.draw());
@@ -77,10 +79,34 @@ export class MapView {
     this.#paint();
   }
 
+  /** Lets the user turn the view around the run's up. */
+  #orbit() {
+    this.camera.up.fromArray(this.#run.up);
+    this.controls = new OrbitControls(this.camera, this.#canvas);
+    this.controls.zoomToCursor = true;
+    this.controls.addEventListener("change", () => this.draw());
+    this.controls.addEventListener("start", () => (this.#touched = true));
+    this.controls.addEventListener("end", () => this.#moved?.());
+  }
+
+  /** Takes the run's up, of which a session knows more as it goes on. Returns true if it is another one. */
+  #takeUp() {
+    if (new Vector3(...this.#run.up).angleTo(this.camera.up) < UP_ANGLE) return false;
+    const { target } = this.controls;
+    // The controls read up only when they are made.
+    this.controls.dispose();
+    this.#orbit();
+    this.controls.target.copy(target);
+    this.controls.update();
+    for (const splats of this.#allSplats()) splats.uniforms.up.value.copy(this.camera.up);
+    this.cutAbove(this.#height);
+    return true;
+  }
+
   /** The Gaussians of a map, as something that is drawn. */
   #splatsOf(map, byId, added, places = this.#run.places()) {
     const splats = new Splats(map, byId, places, added);
-    splats.uniforms.up.value = new Vector3(...this.#run.up);
+    splats.uniforms.up.value = this.camera.up.clone();
     this.#drawing.add(splats);
     return splats;
   }
@@ -124,7 +150,7 @@ export class MapView {
 
   /** Level direction in which the cameras looked, a unit vector. */
   #forward() {
-    const up = new Vector3(...this.#run.up);
+    const { up } = this.camera;
     const forward = new Vector3();
     const quaternion = new Quaternion();
     for (const rotation of this.#run.rotations()) {
@@ -139,7 +165,7 @@ export class MapView {
   #fit() {
     const { clientWidth: width, clientHeight: height } = this.#stage;
     const tangent = Math.tan((FIELD_OF_VIEW_DEGREES * Math.PI) / 360);
-    const shape = { forward: this.#forward(), up: this.#run.up, height: tangent, aspect: width / height || 1 };
+    const shape = { forward: this.#forward(), up: this.camera.up.toArray(), height: tangent, aspect: width / height || 1 };
     const { position, target } = firstView([...this.splats.samples(), ...this.#run.places().map(shownFromAll)], shape);
     this.#fitted = this.extent;
     this.camera.fov = FIELD_OF_VIEW_DEGREES;
@@ -172,7 +198,8 @@ export class MapView {
     const { middle, radius } = this.#fitted;
     const moved = new Vector3(...middle).distanceTo(new Vector3(...this.extent.middle));
     const growth = Math.max(moved, this.extent.radius - radius) / radius;
-    if (!this.#touched && !this.#follow && growth > REFIT_GROWTH) this.#fit();
+    const isTurned = this.#takeUp();
+    if (!this.#touched && !this.#follow && (isTurned || growth > REFIT_GROWTH)) this.#fit();
     else this.#resize();
   }
 
@@ -274,7 +301,8 @@ export class MapView {
 
   /** Leaves out what is above a part of the map's height, from 0 to 1; at 1, nothing. */
   cutAbove(part) {
-    const [low, high] = this.splats.heights(this.#run.up);
+    this.#height = part;
+    const [low, high] = this.splats.heights(this.camera.up.toArray());
     const ceiling = part < 1 ? low + part * (high - low) : 1e6;
     for (const splats of this.#allSplats()) splats.uniforms.ceiling.value = ceiling;
     this.draw();

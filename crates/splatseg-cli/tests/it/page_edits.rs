@@ -97,6 +97,19 @@ fn objects_are_merged_by_hand_in_all_views_and_it_is_kept_and_taken_back() {
     browser.open_url("about:blank");
     open(&mut browser, room_with_map(), link.as_str().unwrap());
     assert_eq!(browser.value(&state), edited);
+    assert_eq!(browser.value("localStorage.length"), 0, "whoever opens a link has changed nothing");
+
+    // A link does not take the place of what the browser has kept.
+    let own = json!(["own", true, before[0], before[1]]);
+    browser.open_url("about:blank");
+    open(&mut browser, room_with_map(), "");
+    browser.value(&format!("splatsegPage.edits.rename({one}, 'own')"));
+    browser.open_url("about:blank");
+    open(&mut browser, room_with_map(), link.as_str().unwrap());
+    assert_eq!(browser.value(&state), edited);
+    browser.click_on("#kept-edits");
+    assert_eq!(browser.value(&state), own);
+    assert_eq!(browser.value("document.getElementById('kept-edits').hidden"), true, "the link has the others");
 
     // What is wrong in a link is left out.
     browser.value("localStorage.clear()");

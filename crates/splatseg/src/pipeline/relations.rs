@@ -13,7 +13,7 @@ use std::collections::BTreeMap;
 
 impl Pipeline {
     /// Where up is, as the camera of the keyframes was held: a unit vector in world coordinates. `None` without keyframes.
-    pub(super) fn up(&self) -> Option<Vec3> {
+    pub fn up(&self) -> Option<Vec3> {
         UpEstimate::of(self.keyframes().values().map(|keyframe| &keyframe.world_from_keyframe))
     }
 

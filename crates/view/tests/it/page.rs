@@ -1,9 +1,9 @@
 //! The messages of the page, as its script reads them.
 
-use crate::client::{CLOSE, TEXT, WebSocket, frame, object, pose_at, start, wait_until};
+use crate::client::{CLOSE, PATIENCE, TEXT, WebSocket, frame, object, pose_at, start, wait_until};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3, Vec3};
 use serde_json::{Value, json};
 use splatseg_geometry::{Image, Pose, SegmentId};
 use splatseg_memory::{MemorySettings, SplatMemory};
@@ -184,6 +184,25 @@ fn a_page_that_comes_later_gets_the_path_and_the_latest_frame() {
 }
 
 #[test]
+fn a_page_that_comes_later_gets_no_picture_of_an_earlier_time() {
+    let server = start(ViewLimits::default());
+    let mut first = watched(&server);
+    server.publish_frame(None, || frame(0, 32, 24));
+    assert_eq!(first.page_message("frame").unwrap().0["number"], 0);
+    drop(first);
+    wait_until("it has left", || server.viewers() == 0);
+    // No frame has come since: the picture is the newest.
+    let mut second = watched(&server);
+    assert_eq!(second.page_message("frame").unwrap().0["number"], 0);
+    drop(second);
+    wait_until("it has left", || server.viewers() == 0);
+    server.publish_frame(None, || -> ViewFrame { unreachable!("nobody watches") });
+    let mut third = watched(&server);
+    server.publish_frame(None, || frame(2, 32, 24));
+    assert_eq!(third.page_message("frame").unwrap().0["number"], 2);
+}
+
+#[test]
 fn far_from_the_worlds_origin_coordinates_stay_exact() {
     let server = start(ViewLimits::default());
     let mut early = watched(&server);
@@ -196,6 +215,19 @@ fn far_from_the_worlds_origin_coordinates_stay_exact() {
         assert_eq!(origin + local, *world);
         assert!(local.abs() <= 16.0 && local == f64::from(local as f32), "axis {axis}: {local}");
     }
+}
+
+/// Where up is in the next map; null if none comes. Messages about the state come all the time.
+fn up_of_next_map(page: &mut WebSocket) -> Value {
+    let start = Instant::now();
+    while start.elapsed() < PATIENCE {
+        let (kind, payload) = page.next().unwrap();
+        page.send(TEXT, b"shown");
+        if kind == TEXT && payload.starts_with(br#"{"kind":"map""#) {
+            return serde_json::from_slice::<Value>(&payload).unwrap()["up"].take();
+        }
+    }
+    Value::Null
 }
 
 #[test]
@@ -211,12 +243,12 @@ fn the_map_comes_when_it_is_due_and_has_changed() {
     let server = start(ViewLimits { map_interval: interval, ..ViewLimits::default() });
     let mut page = watched(&server);
     // The second is not due, the third is the same.
-    server.publish_map(&memory.map());
-    server.publish_map(&memory.map());
+    server.publish_map(&memory.map(), None);
+    server.publish_map(&memory.map(), None);
     let (map, _) = page.page_message("map").unwrap();
     assert_eq!(map["map"]["total"], memory.gaussian_count());
     std::thread::sleep(3 * interval);
-    server.publish_map(&memory.map());
+    server.publish_map(&memory.map(), None);
     server.publish_frame(None, || ViewFrame { name: "after the map".to_owned(), ..frame(1, 32, 24) });
     let mut maps = 0;
     let start = Instant::now();
@@ -226,8 +258,17 @@ fn the_map_comes_when_it_is_due_and_has_changed() {
         maps += usize::from(kind == crate::client::TEXT && payload.starts_with(br#"{"kind":"map""#));
     }
     assert_eq!(maps, 0, "the same map is not sent again");
+    // Before a camera was seen, nothing tells where up is.
+    assert_eq!(map["up"], json!([0.0, 0.0, 1.0]));
+    server.publish_frame(Some(&pose_at(0.0, 0.0, 0.0)), || frame(2, 32, 24));
+    server.publish_map(&memory.map(), None);
+    assert_eq!(up_of_next_map(&mut page), json!([0.0, -1.0, 0.0]), "as the camera is held");
+    std::thread::sleep(3 * interval);
+    server.publish_map(&memory.map(), Some(Vec3::X));
+    assert_eq!(up_of_next_map(&mut page), json!([1.0, 0.0, 0.0]), "as the program knows");
+    std::thread::sleep(3 * interval);
     memory.update(memory.recall(&frames[1].0), ids, &BTreeSet::new()).unwrap();
-    server.publish_map(&memory.map());
+    server.publish_map(&memory.map(), None);
     assert_eq!(page.page_message("map").unwrap().0["map"]["total"], memory.gaussian_count());
 }
 
