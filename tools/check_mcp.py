@@ -29,13 +29,16 @@ async def check(program: str, map_file: str, pictures: Path | None) -> None:
             "what_changed": {},
             "picture_of": {"object": number},
             "plan_view": {"objects": [number]},
+            "list_rooms": {},
+            "route": {"from": number, "to": number},
         }
         assert sorted(tools) == sorted(arguments), tools
         for name, given in arguments.items():
             # The client itself checks the data against the tool's schema.
             result = (await session.call_tool(name, given)).model_dump(by_alias=True, mode="json")
             text = result["content"][0]["text"]
-            assert not result["isError"], f"{name}: {text}"
+            has_no_floor = name in ("list_rooms", "route") and "are not known" in text
+            assert not result["isError"] or has_no_floor, f"{name}: {text}"
             print(f"{name}: {text.splitlines()[0][:160]}")
             for image in result["content"][1:]:
                 if pictures:

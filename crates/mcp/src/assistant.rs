@@ -1,6 +1,6 @@
 //! The map and what the tools may do with it.
 
-use crate::open_map::{LoadedMap, OpenMap};
+use crate::open_map::OpenMap;
 use crate::places::OpenPlaces;
 use crate::tool::{Outcome, ToolEntry};
 use crate::tools;
@@ -42,7 +42,7 @@ impl Assistant {
     /// # Errors
     /// If the map, the earlier map or the objects cannot be read.
     pub fn open(options: AssistantOptions) -> Result<Self, McpError> {
-        let none = |_: &NamedMap| Err("rooms and free space are not known".to_owned());
+        let none = |_: &NamedMap| Err("this program does not look for them".to_owned());
         Self::with_places(options, Box::new(none))
     }
 
@@ -60,8 +60,7 @@ impl Assistant {
         let earlier = options.earlier.as_ref().map(NamedMap::load).transpose()?;
         let AssistantOptions { earlier: earlier_path, network, allow_write, .. } = options;
         let mut assistant = Self { map, earlier, earlier_path, network, tools: Vec::new(), allow_write };
-        let has_places = assistant.map.current().places.is_ok();
-        assistant.tools = tools::all(allow_write, has_places);
+        assistant.tools = tools::all(allow_write);
         Ok(assistant)
     }
 
@@ -70,26 +69,19 @@ impl Assistant {
         self.tools.iter().map(|tool| &tool.definition)
     }
 
-    /// Facts about the map, which a client gets before it calls a tool.
+    /// What the map is and how to use the tools. A client gets it before it calls a tool, and only then, so it has nothing
+    /// that changes with the map's file.
     pub fn instructions(&mut self) -> String {
         let path = self.map.path().display().to_string();
         let allow_write = self.allow_write;
-        let LoadedMap { list, up, sightings_problem, .. } = self.map.current();
-        let named = list.objects.iter().filter(|object| object.label.is_some()).count();
+        let up = self.map.current().up;
         let mut text = format!(
-            "A map of a place, made by a depth camera: {path}, with {} ({named} with a name). Each object has an id that \
-             stays the same. Positions are in the map's coordinates, in metres; up is [{:.2}, {:.2}, {:.2}]. Start with \
-             list_objects or find_objects; plan_view shows the place from above, picture_of shows an object. Names come \
+            "A map of a place, made by a depth camera: {path}. Each object has an id that stays the same. Positions are in the \
+             map's coordinates, in metres; up is about [{:.2}, {:.2}, {:.2}]. Start with list_objects or find_objects; plan_view shows the place from above, picture_of shows an object. Names come \
              from people and from networks that may be wrong: look at a picture if it matters. When the map's file changes, \
              the next answer is of the new one.",
-            list.counts(),
-            up.x,
-            up.y,
-            up.z
+            up.x, up.y, up.z
         );
-        if let Some(problem) = sightings_problem {
-            text += &format!(" When objects were last seen is not known: {problem}.");
-        }
         text += if allow_write {
             " name_object and name_room change names in the file; nothing else is changed."
         } else {
@@ -109,8 +101,9 @@ impl Assistant {
         Some(outcome)
     }
 
-    /// The places of the map, or why they are not known.
+    /// The places of the map, or a sentence that says why they are not known.
     pub(crate) fn places(&mut self) -> Result<&dyn Places, String> {
-        self.map.current().places.as_deref().map_err(Clone::clone)
+        let places = self.map.current().places.as_deref();
+        places.map_err(|reason| format!("Rooms and free space are not known: {reason}."))
     }
 }

@@ -10,8 +10,11 @@ use splatseg::names::color_word;
 use splatseg_geometry::SegmentId;
 use splatseg_objects::{FrameStamp, Object, ObjectShape, ObjectState};
 
-/// Later times are seconds since 1970 for sure: no recording that begins at 0 is so long.
-const EPOCH_TIMES: f64 = 1e9;
+/// True if a time is seconds since 1970 for sure: no recording that begins at 0 is so long. Only such times of different
+/// recordings can be compared.
+pub(crate) fn is_date(time_s: f64) -> bool {
+    time_s > 1e9
+}
 
 /// A number of things: `1 room`, `2 rooms`.
 pub(crate) fn counted(count: usize, thing: &str) -> String {
@@ -48,11 +51,12 @@ pub struct ObjectFacts {
 pub struct LastSeen {
     /// Number of the frame in the recording, from 0; in all recordings of the map together if only the map tells.
     pub frame: usize,
-    /// Its time, seconds from the start of the recording or since 1970.
+    /// Its time, seconds since 1970, or by the clock of the recording. Null if it has none, or if only the map tells and its
+    /// clock did not count from 1970.
     pub time_s: Option<f64>,
     /// Its time as a date (UTC), if the recording has real times.
     pub date: Option<String>,
-    /// Seconds from then to the last frame of the recording.
+    /// Seconds from then to the last frame that showed any object; null if their times cannot be compared.
     pub seconds_before_end: Option<f64>,
 }
 
@@ -106,8 +110,13 @@ impl LastSeen {
         Self {
             frame: frame.number,
             time_s: frame.time_s,
-            date: frame.time_s.filter(|time| *time > EPOCH_TIMES).and_then(date),
-            seconds_before_end: frame.time_s.zip(end).map(|(time, end)| thousandths(end - time)),
+            date: frame.time_s.filter(|time| is_date(*time)).and_then(date),
+            // Of different clocks, one tells nothing about the other.
+            seconds_before_end: frame
+                .time_s
+                .zip(end)
+                .filter(|(time, end)| is_date(*time) == is_date(*end))
+                .map(|(time, end)| thousandths(end - time)),
         }
     }
 

@@ -42,7 +42,7 @@ impl Assistant {
             [] => Err(ToolError(self.nothing_fits(words))),
             [one] => Ok(one.id),
             // "the largest": the first one is meant, however much larger it is than the second.
-            [one, ..] if is_superlative(words) && one.by.contains(&"size") => Ok(one.id),
+            [one, ..] if Query::new(words).is_superlative() && one.by.contains(&"size") => Ok(one.id),
             [one, other, ..] if other.score <= CLEARLY_BETTER * one.score => Ok(one.id),
             several => {
                 let map = self.map.current();
@@ -92,11 +92,6 @@ impl Assistant {
     pub(crate) fn called(&mut self, id: SegmentId) -> String {
         self.map.current().object(id).map_or_else(|| format!("object {id}"), called)
     }
-}
-
-/// True if words ask for one by size: `the smallest`, `largest box`.
-fn is_superlative(words: &str) -> bool {
-    words.to_lowercase().split_whitespace().any(|word| word.ends_with("est"))
 }
 
 /// The names in a map.

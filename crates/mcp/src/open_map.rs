@@ -1,7 +1,7 @@
 //! The map, loaded again when its file has changed.
 
 use crate::places::{OpenPlaces, Places};
-use crate::sightings::{add_map_sightings, add_sightings, file_beside};
+use crate::sightings::{add_map_sightings, add_sightings, file_beside, later_of};
 use crate::{AssistantOptions, McpError};
 use glam::{DQuat, DVec3};
 use splatseg::pipeline::NamedMap;
@@ -23,7 +23,7 @@ pub struct LoadedMap {
     pub up: DVec3,
     /// The last frame that showed any object; `None` if nothing tells.
     pub last_frame: Option<FrameStamp>,
-    /// Why the sightings are not known.
+    /// Why sightings are not known.
     pub sightings_problem: Option<String>,
     pub places: Result<Box<dyn Places>, String>,
     /// The keyframe that shows the most of each object; found when it is first asked for.
@@ -132,17 +132,18 @@ impl LoadedMap {
         let mut map = NamedMap::load(path)?;
         let mut list = map.object_list();
         let beside = file_beside(path);
-        let (last_frame, sightings_problem) = match objects {
+        // The map first: the file has only what its run showed.
+        let of_map = add_map_sightings(&mut list, &map);
+        let (of_run, sightings_problem) = match objects {
             Some(objects) => (add_sightings(&mut list, objects)?, None),
             None if beside.is_file() => match add_sightings(&mut list, &beside) {
                 Ok(last) => (last, None),
                 Err(error) => (None, Some(error.to_string())),
             },
-            None => match add_map_sightings(&mut list, &map) {
-                Some(last) => (Some(last), None),
-                None => (None, Some("the map does not tell; start the server with --objects objects.json".to_owned())),
-            },
+            None if of_map.is_some() => (None, None),
+            None => (None, Some("the map does not tell; start the server with --objects objects.json".to_owned())),
         };
+        let last_frame = later_of(of_run, of_map);
         let damaged = |error: PoseSourceError| McpError::File { path: path.to_owned(), problem: error.to_string() };
         let up = map.up().map_err(damaged)?.map_or(DVec3::Z, |up| up.as_dvec3().normalize_or(DVec3::Z));
         let places = open_places(&map);

@@ -1,6 +1,8 @@
-//! When each object was seen, from the `objects.json` of a run or a live session, or from the map itself.
+//! When each object was seen, from the map itself, and from the `objects.json` of a run or a live session, which tells only of
+//! that run.
 
 use crate::McpError;
+use crate::facts::is_date;
 use splatseg::pipeline::NamedMap;
 use splatseg_files::{read_file, text_of};
 use splatseg_objects::{FrameStamp, ObjectList};
@@ -14,24 +16,37 @@ pub fn file_beside(map: &Path) -> PathBuf {
     map.with_extension("objects.json")
 }
 
-/// Adds the last frame that showed each object of a map, as the map remembers it: its number of all runs, and its time.
-/// Returns the latest one; `None` if the map remembers no times.
+/// Adds the last frame that showed each object of a map, as the map remembers it: its number of all runs, and its time if
+/// that is a date. Other clocks begin anew with each recording, so their times tell nothing. Returns the latest frame; `None`
+/// if the map remembers no times.
 pub fn add_map_sightings(list: &mut ObjectList, map: &NamedMap) -> Option<FrameStamp> {
     let frames = map.memory.last_seen();
     list.all().find_map(|object| object.last_seen_s)?;
     for object in list.objects.iter_mut().chain(&mut list.not_counted) {
         let number = frames.get(&object.id).map(|frame| *frame as usize);
+        // If it was first seen by another clock, the latest time may be of an earlier recording than the latest frame.
+        let has_dates = object.first_seen_s.is_some_and(is_date);
         object.last_frame = number.zip(object.last_seen_s).map(|(number, time_s)| FrameStamp {
             number,
             name: None,
             file: None,
-            time_s: Some(time_s),
+            time_s: Some(time_s).filter(|time| has_dates && is_date(*time)),
         });
     }
     list.all().filter_map(|object| object.last_frame.as_ref()).max_by_key(|frame| frame.number).cloned()
 }
 
-/// Adds the frames that showed each object of a map. Returns the last frame that showed any.
+/// The later one of two frames, if both have dates; else the first of those that there are.
+pub fn later_of(one: Option<FrameStamp>, other: Option<FrameStamp>) -> Option<FrameStamp> {
+    let date = |frame: &Option<FrameStamp>| frame.as_ref().and_then(|frame| frame.time_s).filter(|time| is_date(*time));
+    match (date(&one), date(&other)) {
+        (Some(first), Some(second)) if second > first => other,
+        _ => one.or(other),
+    }
+}
+
+/// Adds the frames of the run of an `objects.json` that showed each object of a map; objects that it did not show keep what
+/// the map told of them, and so do those that were seen later. Returns the last frame of the run that showed any.
 pub fn add_sightings(list: &mut ObjectList, path: &Path) -> Result<Option<FrameStamp>, McpError> {
     let wrong = |problem: String| McpError::File { path: path.to_owned(), problem };
     let bytes = read_file(path, MAX_BYTES).map_err(|error| wrong(error.to_string()))?;
@@ -47,7 +62,7 @@ pub fn add_sightings(list: &mut ObjectList, path: &Path) -> Result<Option<FrameS
         common += 1;
         object.frames = sighted.frames;
         object.first_frame.clone_from(&sighted.first_frame);
-        object.last_frame.clone_from(&sighted.last_frame);
+        object.last_frame = later_of(sighted.last_frame.clone(), object.last_frame.take());
         object.confidence = sighted.confidence;
     }
     if common == 0 && !list.objects.is_empty() {

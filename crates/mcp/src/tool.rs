@@ -25,8 +25,6 @@ pub trait Tool {
     const DESCRIPTION: &'static str;
     /// True if it changes the map's file.
     const WRITES: bool = false;
-    /// True if it needs to know free space.
-    const NEEDS_PLACES: bool = false;
 
     /// Answers a call. An error is a sentence for the model.
     fn call(input: Self::Input, assistant: &mut Assistant) -> Result<Answer<Self::Output>, ToolError>;
@@ -93,8 +91,6 @@ pub struct ToolEntry {
     pub definition: Definition,
     /// True if it changes the map's file.
     pub writes: bool,
-    /// True if it needs to know free space.
-    pub needs_places: bool,
     /// Calls it with arguments of a client.
     pub call: fn(&mut Assistant, JsonObject) -> Outcome,
 }
@@ -108,7 +104,7 @@ impl ToolEntry {
             .with_input_schema::<T::Input>()
             .with_output_schema::<T::Output>()
             .with_annotations(hints.idempotent(true).open_world(false));
-        Self { definition, writes: T::WRITES, needs_places: T::NEEDS_PLACES, call: call::<T> }
+        Self { definition, writes: T::WRITES, call: call::<T> }
     }
 }
 

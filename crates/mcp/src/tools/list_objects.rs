@@ -61,7 +61,9 @@ impl Tool for ListObjects {
         let map = assistant.map.current();
         let has_times = || map.list.all().any(|object| object.last_frame.as_ref().is_some_and(|f| f.time_s.is_some()));
         if input.seen_since_s.is_some() && !has_times() {
-            return Err(ToolError("seen_since_s cannot be used: when objects were seen is not known.".to_owned()));
+            return Err(ToolError(
+                "seen_since_s cannot be used: the times when objects were seen are not known.".to_owned(),
+            ));
         }
         let all = if input.tentative { map.list.clone().with_tentative() } else { map.list.clone() };
         let fitting: Vec<&Object> = all.objects.iter().filter(|object| input.fits(object)).collect();

@@ -53,9 +53,8 @@ impl Tool for ListRooms {
     type Output = Output;
     const NAME: &'static str = "list_rooms";
     const TITLE: &'static str = "List rooms";
-    const DESCRIPTION: &'static str =
-        "Lists the rooms: number, name, area, doors to other rooms, and the objects in each.";
-    const NEEDS_PLACES: bool = true;
+    const DESCRIPTION: &'static str = "Lists the rooms: number, name, area, doors to other rooms, and the objects in each. Needs a map that shows a \
+         floor.";
 
     fn call(_: Input, assistant: &mut Assistant) -> Result<Answer<Output>, ToolError> {
         let mut rooms = assistant.places()?.rooms();

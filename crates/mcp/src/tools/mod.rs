@@ -14,9 +14,9 @@ mod where_is;
 
 use crate::tool::ToolEntry;
 
-/// The tools of a map, in the order in which clients list them. Those that write, or need free space, are left out where
-/// they could not work.
-pub fn all(allow_write: bool, has_places: bool) -> Vec<ToolEntry> {
+/// The tools of a map, in the order in which clients list them. Those that write are left out unless that is
+/// allowed. Those that need rooms are always there: the next version of the map's file may have them.
+pub fn all(allow_write: bool) -> Vec<ToolEntry> {
     let tools = [
         ToolEntry::of::<list_objects::ListObjects>(),
         ToolEntry::of::<find_objects::FindObjects>(),
@@ -30,6 +30,5 @@ pub fn all(allow_write: bool, has_places: bool) -> Vec<ToolEntry> {
         ToolEntry::of::<name_object::NameObject>(),
         ToolEntry::of::<name_room::NameRoom>(),
     ];
-    let can_work = |tool: &ToolEntry| (allow_write || !tool.writes) && (has_places || !tool.needs_places);
-    tools.into_iter().filter(can_work).collect()
+    tools.into_iter().filter(|tool| allow_write || !tool.writes).collect()
 }

@@ -38,7 +38,6 @@ impl Tool for NameRoom {
     const DESCRIPTION: &'static str = "Gives a room a name, as if a person had typed it, and saves it in the map's file. It \
                                        belongs to the place, whatever number the room has later. Ask the user before.";
     const WRITES: bool = true;
-    const NEEDS_PLACES: bool = true;
 
     fn call(input: Input, assistant: &mut Assistant) -> Result<Answer<Output>, ToolError> {
         let Input { room: id, name } = input;

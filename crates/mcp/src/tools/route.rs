@@ -64,8 +64,8 @@ impl Tool for Route {
     const NAME: &'static str = "route";
     const TITLE: &'static str = "Find a way";
     const DESCRIPTION: &'static str = "Finds the shortest free way on the floor for a robot of a radius between two \
-                                       objects, rooms or places, as points, length and a picture. It does not move the robot.";
-    const NEEDS_PLACES: bool = true;
+                                       objects, rooms or places, as points, length and a picture. It does not move the \
+                                       robot. Needs a map that shows a floor.";
 
     fn call(input: Input, assistant: &mut Assistant) -> Result<Answer<Output>, ToolError> {
         let radius = input.radius_m.unwrap_or(DEFAULT_RADIUS);

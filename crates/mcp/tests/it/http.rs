@@ -62,7 +62,7 @@ fn tools_are_called_with_the_token_only() {
     assert_eq!(status, 200, "{body}");
     assert_eq!(json_of(&body)["result"]["serverInfo"]["name"], "splatseg");
     let (status, body) = send(address, &right, &request(2, "tools/list", &json!({})));
-    assert_eq!((status, json_of(&body)["result"]["tools"].as_array().unwrap().len()), (200, 7), "{body}");
+    assert_eq!((status, json_of(&body)["result"]["tools"].as_array().unwrap().len()), (200, 9), "{body}");
     let call = request(3, "tools/call", &json!({ "name": "where_is", "arguments": { "object": "mug" } }));
     let (status, body) = send(address, &right, &call);
     assert!(
@@ -157,7 +157,7 @@ fn the_client_of_the_sdk_is_served() {
         assert!(refused.as_deref().is_some_and(|error| error.contains("Auth")), "{refused:?}");
         let client = Client(connect(TOKEN).await.unwrap());
         assert_eq!(client.0.peer_info().unwrap().server_info.as_ref().unwrap().name, "splatseg");
-        assert_eq!(client.0.list_all_tools().await.unwrap().len(), 7);
+        assert_eq!(client.0.list_all_tools().await.unwrap().len(), 9);
         let (text, data) = client.ask("where_is", json!({ "object": "mug" })).await;
         assert!(text.contains("mug") && data["object"]["name"] == "mug", "{text} {data}");
         let both = [json!({ "object": "mug" }), json!({ "object": "the largest" })];

@@ -5,10 +5,13 @@ use rmcp::model::{CallToolRequestParams, CallToolResult};
 use rmcp::service::{RoleClient, RunningService};
 use serde_json::Value;
 use splatseg::Pipeline;
+use splatseg::memory::Attached;
 use splatseg::pipeline::NamedMap;
 use splatseg::settings::SettingsLayers;
 use splatseg_dataset::{FrameStream, GroundTruth, open_scene};
+use splatseg_files::StateBlock;
 use splatseg_mcp::{Assistant, AssistantOptions, MapServer};
+use splatseg_objects::{SeenTime, SeenTimes};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -64,6 +67,22 @@ pub fn by_size(map: &NamedMap) -> Vec<u32> {
         .collect();
     sized.sort_by(|one, other| one.0.total_cmp(&other.0));
     sized.into_iter().map(|(_, id)| id).collect()
+}
+
+/// Saves a map with times at which its objects were seen: `times` makes the first and the last, seconds, of the number of the
+/// last frame.
+pub fn save_times(map: &Path, times: impl Fn(u32) -> [f64; 2]) {
+    let named = NamedMap::load(map).unwrap();
+    let mut seen = SeenTimes::default();
+    for (id, frame) in named.memory.last_seen() {
+        let [first_s, last_s] = times(frame);
+        seen.add(id, SeenTime { first_s, last_s });
+    }
+    let mut history = StateBlock::default();
+    history.put_block("seen", seen.to_block());
+    let (history, names) = (history.to_bytes().unwrap(), named.names.to_bytes());
+    let attached = Attached { keyframes: named.keyframes.as_deref(), names: Some(&names), history: Some(&history) };
+    named.memory.save_with(map, attached).unwrap();
 }
 
 /// Options for a map.

@@ -1,17 +1,19 @@
 //! Each tool, called by the SDK's own client.
 
-use crate::support::{by_size, options, room, save_map, text, with_client};
+use crate::support::{by_size, options, room, save_map, save_times, text, with_client};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use glam::DVec3;
 use image::RgbImage;
 use rmcp::model::CallToolResult;
-use serde_json::json;
+use serde_json::{Value, json};
 use splatseg::pipeline::NamedMap;
 use splatseg_geometry::SegmentId;
 use splatseg_mcp::{Assistant, Destination, PlaceRoom, Places};
 use splatseg_objects::{FrameStamp, ObjectList};
 use std::fs;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// The picture of an answer, decoded.
 fn picture(result: &CallToolResult) -> RgbImage {
@@ -32,17 +34,20 @@ fn tools_are_listed_with_schemas_and_hints() {
     with_client(Assistant::open(options(&map)).unwrap(), async |client| {
         let about = client.0.peer_info().unwrap();
         assert!(about.instructions.as_ref().unwrap().contains("Nothing can be changed"), "{about:?}");
+        assert!(!about.instructions.as_ref().unwrap().contains("objects ("), "counts change with the map: {about:?}");
         let tools = client.0.list_all_tools().await.unwrap();
         let names: Vec<&str> = tools.iter().map(|tool| tool.name.as_ref()).collect();
-        let read_only =
+        let objects =
             ["list_objects", "find_objects", "where_is", "what_is_near", "what_changed", "picture_of", "plan_view"];
-        assert_eq!(names, read_only);
+        assert_eq!(names, [&objects[..], &["list_rooms", "route"]].concat());
         for tool in &tools {
             assert_eq!(tool.annotations.as_ref().unwrap().read_only_hint, Some(true), "{}", tool.name);
             assert!(tool.description.as_ref().is_some_and(|text| text.len() > 40), "{}", tool.name);
             assert_eq!(tool.input_schema["type"], "object");
             assert_eq!(tool.output_schema.as_ref().unwrap()["type"], "object");
-            for (name, property) in tool.input_schema["properties"].as_object().unwrap() {
+            // `list_rooms` has no arguments.
+            let properties = tool.input_schema.get("properties").and_then(Value::as_object);
+            for (name, property) in properties.into_iter().flatten() {
                 let described = property.get("description").is_some() || property.get("$ref").is_some();
                 assert!(described, "{}: {name} has no description", tool.name);
             }
@@ -126,6 +131,8 @@ fn places_are_those_of_the_map() {
         let refused = client.refused("where_is", json!({ "object": "table" })).await;
         assert!(refused.contains("Several objects fit") && refused.lines().count() == 3, "{refused}");
         assert!(client.refused("where_is", json!({})).await.contains("missing field `object`"));
+        let refused = client.refused("list_rooms", json!({})).await;
+        assert_eq!(refused, "Rooms and free space are not known: this program does not look for them.");
         assert!(client.refused("where_is", json!({ "object": [1] })).await.contains("expected the id of an object"));
     });
 }
@@ -259,7 +266,26 @@ fn sightings_tell_when_objects_were_seen() {
     with_client(Assistant::open(options(&map)).unwrap(), async |client| {
         assert!(client.ask("where_is", json!({ "object": "mug" })).await.0.contains("frame 40"));
     });
+    // What it does not know, the map tells.
+    list.objects.iter_mut().filter(|object| object.id == mug).for_each(|object| object.last_frame = None);
+    fs::write(map.with_extension("objects.json"), list.to_json().unwrap()).unwrap();
+    let frames = named.memory.last_seen();
+    save_times(&map, |frame| [1_790_000_000.0, 1_790_000_000.0 + f64::from(frame)]);
+    with_client(Assistant::open(options(&map)).unwrap(), async |client| {
+        let (text, data) = client.ask("where_is", json!({ "object": "mug" })).await;
+        assert!(text.contains(&format!("last seen in frame {} on 2026-", frames[&mug])), "{text}");
+        let before_end = data["object"]["last_seen"]["seconds_before_end"].as_f64().unwrap();
+        assert_eq!(before_end, 5_000_099.0 - f64::from(frames[&mug]), "up to the end of the run of the file");
+        let (_, data) = client.ask("list_objects", json!({ "limit": 100 })).await;
+        let seen_in = |id: u32| {
+            data["objects"].as_array().unwrap().iter().find(|object| object["id"] == id).unwrap()["last_seen"]["frame"]
+                .clone()
+        };
+        let other = by_size(&named)[1];
+        assert_eq!((seen_in(mug), seen_in(other)), (json!(frames[&mug]), json!(99)));
+    });
     // That of another map is refused if it was named, and said to be useless if it lies there by chance.
+    let (_other_folder, map) = room();
     let other = ObjectList { objects: Vec::new(), not_counted: Vec::new(), ..list };
     fs::write(map.with_extension("objects.json"), other.to_json().unwrap()).unwrap();
     with_client(Assistant::open(options(&map)).unwrap(), async |client| {
@@ -268,6 +294,50 @@ fn sightings_tell_when_objects_were_seen() {
     let mut wrong = options(&map);
     wrong.objects = Some(map.with_extension("objects.json"));
     assert!(Assistant::open(wrong).err().unwrap().to_string().contains("of another map"));
+}
+
+#[test]
+fn times_of_a_map_are_told_if_they_are_dates() {
+    let (_folder, map) = room();
+    let named = NamedMap::load(&map).unwrap();
+    let (mug, frames) = (by_size(&named)[0], named.memory.last_seen());
+    let last = *frames.values().max().unwrap();
+    let date = 1_795_000_000.0;
+    save_times(&map, |frame| [date, date + f64::from(frame)]);
+    with_client(Assistant::open(options(&map)).unwrap(), async |client| {
+        let (text, data) = client.ask("where_is", json!({ "object": "mug" })).await;
+        assert!(text.contains(&format!("last seen in frame {} on 2026-", frames[&mug])), "{text}");
+        let before_end = &data["object"]["last_seen"]["seconds_before_end"];
+        assert_eq!(before_end.as_f64(), Some(f64::from(last - frames[&mug])));
+    });
+    // Recordings whose clocks begin at 0, and one of them after one with dates.
+    for first in [0.0, 7.0] {
+        save_times(&map, |frame| [first, if first > 0.0 { date } else { f64::from(frame) }]);
+        with_client(Assistant::open(options(&map)).unwrap(), async |client| {
+            let (text, data) = client.ask("where_is", json!({ "object": "mug" })).await;
+            assert!(text.contains(&format!(" It was last seen in frame {}.", frames[&mug])), "{text}");
+            let seen = json!({ "frame": frames[&mug], "time_s": null, "date": null, "seconds_before_end": null });
+            assert_eq!(data["object"]["last_seen"], seen);
+            assert!(client.refused("list_objects", json!({ "seen_since_s": 1 })).await.contains("not known"));
+        });
+    }
+}
+
+#[test]
+fn words_that_several_objects_fit_are_not_decided_by_their_ending() {
+    let (_folder, map) = room();
+    let mut named = NamedMap::load(&map).unwrap();
+    let ids = by_size(&named);
+    for id in &ids[..5] {
+        named.names.set_by_hand(*id, Some("chest")).unwrap();
+    }
+    named.save(&map).unwrap();
+    with_client(Assistant::open(options(&map)).unwrap(), async |client| {
+        let refused = client.refused("where_is", json!({ "object": "the large chest" })).await;
+        assert!(refused.contains("Several objects fit"), "{refused}");
+        let (_, data) = client.ask("where_is", json!({ "object": "the largest chest" })).await;
+        assert_eq!(data["object"]["id"], ids[4]);
+    });
 }
 
 /// A house of one room, in which every way is straight.
@@ -330,5 +400,35 @@ fn rooms_and_routes_come_from_whoever_knows_them() {
         assert!(
             client.refused("route", json!({ "from": {}, "to": 1 })).await.contains("a point, e.g. [1.0, 2.0, 0.0]")
         );
+    });
+}
+
+#[test]
+fn rooms_are_told_once_the_map_shows_them() {
+    let (_folder, map) = room();
+    let is_furnished = Arc::new(AtomicBool::new(false));
+    let shown = Arc::clone(&is_furnished);
+    let open = Box::new(move |_: &NamedMap| match shown.load(Ordering::SeqCst) {
+        true => Ok(Box::new(OneRoom) as Box<dyn Places>),
+        false => Err("no floor was found".to_owned()),
+    });
+    let mut writing = options(&map);
+    writing.allow_write = true;
+    with_client(Assistant::with_places(writing, open).unwrap(), async |client| {
+        let tools = client.0.list_all_tools().await.unwrap();
+        assert!(["list_rooms", "route", "name_room"].iter().all(|name| tools.iter().any(|tool| tool.name == *name)));
+        let calls = [
+            ("list_rooms", json!({})),
+            ("route", json!({ "from": [0, 0, 0], "to": [3, 4, 0] })),
+            ("name_room", json!({ "room": 1, "name": "hall" })),
+        ];
+        for (name, arguments) in calls {
+            let refused = client.refused(name, arguments).await;
+            assert_eq!(refused, "Rooms and free space are not known: no floor was found.", "{name}");
+        }
+        // The next version of the file shows a floor.
+        is_furnished.store(true, Ordering::SeqCst);
+        NamedMap::load(&map).unwrap().save(&map).unwrap();
+        assert!(client.ask("list_rooms", json!({})).await.0.contains("the kitchen"));
     });
 }

@@ -35,7 +35,7 @@ fn the_sdk_of_rust_lists_and_calls_the_tools_of_a_process() {
         let mut command = tokio::process::Command::new(assert_cmd::cargo::cargo_bin!("splatseg"));
         command.arg("mcp").arg(&map).arg("--objects").arg(folder.path().join("out/objects.json")).arg("--allow-write");
         let client = ().serve(TokioChildProcess::new(command).unwrap()).await.unwrap();
-        assert_eq!(client.list_all_tools().await.unwrap().len(), 8);
+        assert_eq!(client.list_all_tools().await.unwrap().len(), 11);
         let call = async |name: &'static str, arguments: serde_json::Value| {
             let arguments = arguments.as_object().unwrap().clone();
             client.call_tool(CallToolRequestParams::new(name).with_arguments(arguments)).await.unwrap()

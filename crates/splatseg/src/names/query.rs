@@ -81,9 +81,9 @@ impl Query {
     pub fn new(text: &str) -> Self {
         let (mut color, mut size, mut thing) = (None, None, Vec::new());
         let lower = text.to_lowercase();
-        for word in lower.split(|character: char| !(character.is_alphanumeric() || "-'_".contains(character))) {
+        for word in words(&lower) {
             let own_color = COLORS.iter().find(|(name, _)| *name == word).map(|(_, rgb)| *rgb);
-            if word.is_empty() || FILLERS.contains(&word) {
+            if FILLERS.contains(&word) {
                 continue;
             }
             if own_color.is_some() {
@@ -99,6 +99,12 @@ impl Query {
         Self { text: text.trim().to_owned(), thing: thing.join(" "), color, size }
     }
 
+    /// True if one is asked for by its size: `the smallest`, `largest box`.
+    pub fn is_superlative(&self) -> bool {
+        let text = self.text.to_lowercase();
+        words(&text).any(|word| word.ends_with("est") && (SMALL.contains(&word) || LARGE.contains(&word)))
+    }
+
     /// How well a colour fits the one that is asked for, 0 to 1; 1 if none is.
     pub(super) fn color_fit(&self, found: Option<[u8; 3]>) -> f32 {
         let Some(asked) = self.color else { return 1.0 };
@@ -107,6 +113,12 @@ impl Query {
         // An object is of the colour whose word fits it best, and somewhat of colours that are nearly as near.
         (-((own - nearest).max(0.0) / 12.0).powi(2)).exp()
     }
+}
+
+/// The words of a text.
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    text.split(|character: char| !(character.is_alphanumeric() || "-'_".contains(character)))
+        .filter(|word| !word.is_empty())
 }
 
 /// The word that fits an sRGB colour best, e.g. `red`.
@@ -155,6 +167,12 @@ mod tests {
         let query = Query::new("the big one");
         assert_eq!((query.thing.as_str(), query.size, query.color), ("", Some(AskedSize::Large), None));
         assert_eq!(Query::new("T-shirt").thing, "t-shirt");
+        for text in ["the smallest", "Largest?", "the biggest, red one"] {
+            assert!(Query::new(text).is_superlative(), "{text}");
+        }
+        for text in ["the large chest", "small forest", "the larger one"] {
+            assert!(!Query::new(text).is_superlative(), "{text}");
+        }
     }
 
     #[test]
