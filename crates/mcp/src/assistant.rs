@@ -76,10 +76,11 @@ impl Assistant {
         let allow_write = self.allow_write;
         let up = self.map.current().up;
         let mut text = format!(
-            "A map of a place, made by a depth camera: {path}. Each object has an id that stays the same. Positions are in the \
-             map's coordinates, in metres; up is about [{:.2}, {:.2}, {:.2}]. Start with list_objects or find_objects; plan_view shows the place from above, picture_of shows an object. Names come \
-             from people and from networks that may be wrong: look at a picture if it matters. When the map's file changes, \
-             the next answer is of the new one.",
+            "A map of a place, made by a depth camera: {path}. Each object has an id that stays the same. Positions are in \
+             the map's coordinates, in metres; up is about [{:.2}, {:.2}, {:.2}]. Start with list_objects or find_objects; \
+             plan_view shows the place from above, picture_of shows an object. Names come from people and from networks \
+             that may be wrong: look at a picture if it matters. When the map's file changes, the next answer is of the \
+             new one.",
             up.x, up.y, up.z
         );
         text += if allow_write {
