@@ -297,7 +297,7 @@ def train_images(model, targets, crops, held_out, random, arguments):
             report(model, held_out, functional.normalize(targets[:kinds], dim=-1))
 
 
-def train_texts(model, texts, targets, steps=1000):
+def train_texts(model, texts, targets, steps=4000):
     """Teaches the tower for texts these embeddings [texts, embedding]."""
     optimiser = torch.optim.AdamW(
         [parameter for name, parameter in model.named_parameters() if "visual" not in name and name != "logit_scale"],

@@ -291,7 +291,7 @@ fn things_of_rendered_rooms_get_names() {
     }
     let (with, without) = (wrong_queries(&rooms, true), wrong_queries(&rooms, false));
     println!("of {} texts, wrong are {with:?} with the network, {without:?} by labels and colours", QUERIES.len());
-    // docs/NAMES.md has what was wanted, and why it is not more.
-    assert!(4 * several.right >= several.all, "{several:?}");
+    // docs/NAMES.md has the figures; other processors may round otherwise.
+    assert!(10 * several.right >= 6 * several.all, "{several:?}");
     assert!(several.right + 3 >= largest.right, "{several:?}, {largest:?}");
 }
