@@ -132,7 +132,7 @@ fn listed_frames(list: Vec<Value>) -> Result<Vec<ListedFrame>, String> {
     Ok(listed)
 }
 
-/// The smallest id that no segment has. It stands for track 0, as 0 is no segment in an id image.
+/// Returns the smallest id that no segment uses. Track 0 gets it, because 0 means "no segment" in an id image.
 fn free_id(frames: &[Frame]) -> SegmentId {
     let segments = frames.iter().flat_map(|frame| &frame.segments_info);
     let used: BTreeSet<SegmentId> = segments.map(|segment| segment.track_id.unwrap_or(segment.id)).collect();

@@ -19,7 +19,7 @@ const DOOR_HALF: f64 = 0.8;
 const WIDER: f64 = 1.35;
 /// The smallest room, square metres.
 const SMALLEST: f64 = 1.5;
-/// Space that was not seen and is no larger than this belongs to the room around it, square metres.
+/// An unseen area up to this size counts as part of the room around it, square metres.
 const LARGEST_HOLE: f64 = 2.0;
 /// Free cells that are no room's, as parts of the floor that were seen through a door, belong to one at most this far away
 /// with no obstacle between, metres.

@@ -297,7 +297,7 @@ fn nonsense_is_counted_and_changes_nothing() {
             peer.wait_for_reader(&dds_service(&format!("/splatseg/{service}"))[0]);
             (0..20).for_each(|len| writer.write(RawCdr([vec![0, 1, 0, 0], bytes(len)].concat()), None).unwrap());
         }
-        // The node still answers: there are no objects, which is no error.
+        // The node still answers. A map without objects gives an empty list, not an error.
         let all = to_cdr(&EmptyRequest::default()).unwrap();
         let reply = peer.call("/splatseg/list_objects", "splatseg_msgs/srv/ListObjects", all);
         let (success, message, listed): (bool, String, Detection3dArray) = from_cdr(&reply).unwrap();

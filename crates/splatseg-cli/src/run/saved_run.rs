@@ -111,7 +111,7 @@ impl LoadedMap {
     }
 }
 
-/// What is known of a run before its first state.
+/// The options that a run records when it begins, for a resume if it is killed before its first saved state.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BegunRun {
@@ -220,7 +220,7 @@ impl SavedRun {
         Self::settings_file(out).is_none() && (is_saving || was_killed)
     }
 
-    /// What is known of a run in `out` that was stopped before its first state.
+    /// Reads the options of a run in `out` that was stopped before its first saved state; empty if there are none.
     pub fn begun(out: &Path) -> BegunRun {
         let bytes = read_file(&out.join(FOLDER).join(BEGUN), MAX_STATE_BYTES).ok();
         bytes.and_then(|bytes| serde_json::from_slice(&bytes).ok()).unwrap_or_default()
