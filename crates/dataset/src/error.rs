@@ -4,6 +4,7 @@ use crate::GuessedCamera;
 use crate::own_camera::suggestion;
 use splatseg_geometry::{DistortionError, FrameError, IntrinsicsError, PoseError};
 use splatseg_settings::SettingError;
+use splatseg_synthetic::SyntheticError;
 use std::path::PathBuf;
 use thiserror::Error;
 
@@ -388,17 +389,8 @@ pub enum DatasetError {
         videos: Vec<String>,
     },
     /// The description of a synthetic scene is invalid.
-    #[error("{text:?}: {field}: found {found:?}, expected {expected}")]
-    Synthetic {
-        /// The whole description.
-        text: String,
-        /// The invalid setting.
-        field: String,
-        /// Value found.
-        found: String,
-        /// Value expected.
-        expected: String,
-    },
+    #[error(transparent)]
+    Synthetic(#[from] SyntheticError),
     /// A setting is out of range or does not apply to this scene.
     #[error(transparent)]
     Setting(#[from] SettingError),

@@ -2,10 +2,9 @@
 //! `format_names.rs`.
 
 use crate::depth_scale::require_no_depth_scale;
-use crate::own_camera::OwnCamera;
 use crate::pose_convention::ConvertedPoses;
 use crate::recording::{self, Container, RecordingScene};
-use crate::synthetic::{self, SyntheticScene};
+use crate::synthetic;
 use crate::unread_files::file_error;
 use crate::{DatasetError, DatasetSettings, DepthRegistration, Format, Scene};
 use crate::{FolderScene, MvpdScene, ReplicaScene, ScannetScene, SensScene, SevenScenesScene, TumScene};
@@ -191,8 +190,7 @@ const FORMATS: &[FormatEntry] = &[
         is_whole: |_| true,
         open: |path, settings| {
             require_no_depth_scale(settings, Format::Synthetic.name())?;
-            let scene = SyntheticScene::new(path.to_string_lossy().parse()?)?;
-            Ok(Arc::new(scene.with_camera(OwnCamera::from_settings(settings)?)))
+            synthetic::open(path, settings)
         },
     },
 ];

@@ -1,9 +1,9 @@
 //! Depth limit, resizing and cropping of frames and labels.
 
 use crate::DatasetError;
-use crate::resample::{ImageMap, resample_color, resample_depth, resample_labels};
 use serde::{Deserialize, Serialize};
 use splatseg_geometry::{CameraFrame, CowImage, Image, SegmentMap};
+use splatseg_imaging::{ImageMap, resample_color, resample_depth, resample_labels};
 use splatseg_settings::{Allowed, SettingError, SettingValue};
 use std::fmt;
 use std::str::FromStr;

@@ -18,7 +18,6 @@ mod description;
 mod error;
 mod ffmpeg;
 mod files;
-mod focal_length;
 mod format_names;
 mod formats;
 mod frame_checks;
@@ -39,9 +38,7 @@ mod r3d;
 mod recorded_poses;
 mod recording;
 mod recording_file;
-mod register;
 mod replica;
-mod resample;
 mod result_names;
 mod ros_topics;
 mod scannet;
@@ -85,12 +82,13 @@ pub use scene::{FramePart, LeftOut, RecordedFrame, Scene};
 pub use settings::DatasetSettings;
 pub use sevenscenes::SevenScenesScene;
 pub use stream::{FrameStream, GroundTruth, MAX_FRAMES_IN_MEMORY};
-pub use synthetic::{
-    CameraMotion, ChangeKind, Layout, Motion, Mover, Noise, Speed, SpeedError, SyntheticScene, SyntheticSettings,
-    Thing, ThingKind, TrueChange, Visit,
-};
 pub use tum::TumScene;
 pub use undistort::{LensCorrection, Undistortion};
+// Users of scenes need not know that rooms are rendered by a crate of their own.
+pub use splatseg_synthetic::{
+    CameraMotion, ChangeKind, Layout, Motion, Mover, Noise, Speed, SpeedError, SyntheticError, SyntheticScene,
+    SyntheticSettings, Thing, ThingKind, TrueChange, Visit,
+};
 
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]

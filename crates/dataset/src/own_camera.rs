@@ -2,10 +2,10 @@
 
 use crate::decode::{image_size, read_color};
 use crate::error::COLOR_IMAGE;
-use crate::focal_length::{self, FocalLength};
 use crate::{DatasetError, DatasetSettings};
 use serde::Serialize;
 use splatseg_geometry::{Image, Intrinsics};
+use splatseg_imaging::{FocalLength, estimated_focal_length};
 use splatseg_settings::SettingError;
 use std::path::{Path, PathBuf};
 
@@ -84,7 +84,7 @@ impl GuessedCamera {
     pub(crate) fn of_images(images: &[&Path], size: (usize, usize), read: ReadColor) -> Self {
         // A damaged image is reported when its frame is read.
         let read = |index: usize| read(images[index]).ok().filter(|color| color.size() == size);
-        Self::of(size, focal_length::estimated(images.len(), read))
+        Self::of(size, estimated_focal_length(images.len(), &read))
     }
 
     /// Guesses the camera of images of `size`, `(width, height)`, from what was estimated if anything was.
@@ -130,9 +130,12 @@ impl GuessedCamera {
     }
 }
 
+/// Place of a camera that the settings give, for messages.
+pub(crate) const PLACE: &str = "dataset.fx, fy, cx and cy";
+
 /// Returns the place of the intrinsics, for messages: `file`, or the settings if they give a camera.
 pub(crate) fn camera_place(own: Option<&OwnCamera>, file: &Path) -> PathBuf {
-    if own.is_some() { "dataset.fx, fy, cx and cy".into() } else { file.to_owned() }
+    if own.is_some() { PLACE.into() } else { file.to_owned() }
 }
 
 /// Returns true if two sizes, `(width, height)`, are those of one image at different resolutions.

@@ -14,12 +14,12 @@ use crate::listing::{
 use crate::own_camera::{OwnCamera, at_resolution, camera_place};
 use crate::plausibility::warn_once;
 use crate::recorded_poses::PoseCoverage;
-use crate::register::{CameraPair, register_depth};
 use crate::scene::{FramePart, FrameParts, LeftOut, entry, require_registered};
 use crate::text::{PinholeMatrix, read_pose};
 use crate::{DatasetError, DatasetSettings, DepthRegistration, Format, RecordedFrame, Scene};
 use glam::{DVec3, Vec3};
 use splatseg_geometry::{Intrinsics, LocalPose, PoseFormat, SegmentMap};
+use splatseg_imaging::{CameraPair, register_depth};
 use std::path::{Path, PathBuf};
 
 /// Layout of a 7-Scenes folder, for messages.

@@ -2,8 +2,8 @@
 
 use crate::boxes::SolidBox;
 use crate::open_map::LoadedMap;
+use chrono::{DateTime, SecondsFormat};
 use glam::DVec3;
-use jiff::Timestamp;
 use rmcp::schemars::{self, JsonSchema};
 use serde::Serialize;
 use splatseg::names::color_word;
@@ -106,7 +106,9 @@ impl ObjectFacts {
 impl LastSeen {
     fn new(frame: &FrameStamp, last: Option<&FrameStamp>) -> Self {
         let end = last.and_then(|last| last.time_s);
-        let date = |time: f64| Timestamp::from_second(time as i64).ok().map(|time| time.to_string());
+        let date = |time: f64| {
+            DateTime::from_timestamp_secs(time as i64).map(|time| time.to_rfc3339_opts(SecondsFormat::Secs, true))
+        };
         Self {
             frame: frame.number,
             time_s: frame.time_s,

@@ -13,13 +13,13 @@ pub(crate) use stated_poses::StatedPoses;
 use crate::error::{COLOR_IMAGE, DEPTH_IMAGE};
 use crate::own_camera::{OwnCamera, camera_place, has_shape};
 use crate::recorded_poses::{LOST, PoseCoverage};
-use crate::resample::{ImageMap, resample_color, resample_depth};
 use crate::ros_topics::reader::RegisteredImages;
 use crate::scene::{FramePart, FrameParts, LeftOut, entry};
 use crate::undistort::{Camera, UndistortionCache};
 use crate::{DatasetError, DatasetSettings, Format, RecordedFrame, Scene};
 use glam::DVec3;
 use splatseg_geometry::{Image, Intrinsics, Pose, SegmentMap};
+use splatseg_imaging::{ImageMap, resample_color, resample_depth};
 use std::path::PathBuf;
 use std::time::Duration;
 

@@ -19,10 +19,10 @@ pub(crate) use sens::{LAYOUT as SENS_LAYOUT, looks_like as looks_like_sens};
 use crate::DatasetError;
 use crate::own_camera::{OwnCamera, camera_place};
 use crate::plausibility::check_intrinsics;
-use crate::resample::{ImageMap, resample_color, resample_labels};
 use crate::text::PinholeMatrix;
 use resized_images::at_size;
 use splatseg_geometry::{Image, Intrinsics, SegmentMap};
+use splatseg_imaging::{ImageMap, resample_color, resample_labels};
 use std::path::{Path, PathBuf};
 
 /// Sizes of ScanNet's images, `(width, height)`.

@@ -6,6 +6,7 @@ mod containers;
 mod damage;
 mod depth_files;
 mod depth_scale;
+mod focal_length;
 mod folder;
 mod folder_corrections;
 mod kinect;

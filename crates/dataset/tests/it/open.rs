@@ -140,7 +140,7 @@ fn the_synthetic_room_needs_no_files() {
     assert_eq!((scene.frame_count(), scene.has_ground_truth()), (3, true));
     assert_eq!(scene.read_frame(2).unwrap().width(), 32);
     let error = open_scene("synthetic:frames=many", &DatasetSettings::default()).unwrap_err();
-    assert!(matches!(error, DatasetError::Synthetic { .. }), "{error}");
+    assert!(matches!(error, DatasetError::Synthetic(_)), "{error}");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use super::strips::Strip;
 use super::{PageSelection, charts, scenes, tables};
 use crate::markdown::count;
 use crate::{Benchmark, FrameTable, Measurement, MissingResult, SceneDrawings, ScoreTable, SizeTable, StageTable};
-use jiff::Timestamp;
+use chrono::Utc;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde::Serialize;
 
@@ -100,7 +100,7 @@ fn heading(benchmark: &Benchmark) -> Markup {
             (count(benchmark.scenes.len(), "scene")) ", " (count(frames, "frame")) ", "
             (count(benchmark.variants.len(), "method")) ", " (count(benchmark.seeds.len(), "seed")) "; "
             (benchmark.setup) "; protocol " (benchmark.protocol.name()) "; splatseg " (benchmark.version) ", "
-            (Timestamp::now().strftime("%Y-%m-%d").to_string())
+            (Utc::now().date_naive())
         }
     }
 }

@@ -3,7 +3,6 @@
 use crate::support::{CLIP_PARTS, Ended, ROOM, finish, read_json, splatseg};
 use serde_json::{Value, json};
 use splatseg_annotations::write_segments_png;
-use splatseg_dataset::Scene;
 use splatseg_geometry::{Mask, RunLengths, SegmentId, SegmentMap};
 use splatseg_test_scenes::{copy_demo_clip, recording, room};
 use std::fs;

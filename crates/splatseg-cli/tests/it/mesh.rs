@@ -2,7 +2,6 @@
 
 use crate::support::{Ended, finish, read_json, splatseg};
 use glam::Vec2;
-use splatseg_dataset::Scene;
 use splatseg_test_scenes::{recording, room};
 use std::fs;
 use std::path::Path;

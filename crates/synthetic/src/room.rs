@@ -63,11 +63,11 @@ fn overlap(half_size: Vec3, thin: f32) -> Vec3 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::furniture::Lane;
-    use super::super::motion::{Motion, Mover};
-    use super::super::solids::Ray;
-    use super::super::{SyntheticSettings, movers};
     use super::*;
+    use crate::furniture::Lane;
+    use crate::motion::{Motion, Mover};
+    use crate::solids::Ray;
+    use crate::{SyntheticSettings, movers};
     use splatseg_geometry::Intrinsics;
 
     #[test]

@@ -13,7 +13,7 @@ use thiserror::Error;
 /// per frame, 16 cm/s) when it scans a room slowly, and like 0.1 (13 mm and 0.75 degrees, 40 cm/s) when it is in a hurry.
 ///
 /// ```
-/// use splatseg_dataset::{Speed, SyntheticSettings};
+/// use splatseg_synthetic::{Speed, SyntheticSettings};
 /// let hand_held: SyntheticSettings = "synthetic:frames=600,speed=0.04".parse()?;
 /// assert_eq!(hand_held.speed, Speed::from_factor(0.04)?);
 /// # Ok::<(), Box<dyn std::error::Error>>(())

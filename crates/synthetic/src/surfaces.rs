@@ -45,9 +45,9 @@ impl Shape {
 
 #[cfg(test)]
 mod tests {
-    use super::super::SyntheticSettings;
-    use super::super::rays::Caster;
     use super::*;
+    use crate::SyntheticSettings;
+    use crate::rays::Caster;
 
     #[test]
     fn points_that_rays_hit_are_on_a_surface() {

@@ -131,9 +131,9 @@ fn boxed(id: SegmentId, size: Vec3, center: Vec3, texture: Texture) -> Solid {
 
 #[cfg(test)]
 mod tests {
-    use super::super::noise::Sample;
-    use super::super::rays::Caster;
     use super::*;
+    use crate::noise::Sample;
+    use crate::rays::Caster;
     use glam::{DMat4, DVec3};
     use splatseg_geometry::{Intrinsics, LocalPose, Pose};
 

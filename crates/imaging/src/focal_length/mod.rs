@@ -51,21 +51,24 @@ const DRAWS: usize = 200;
 
 /// An estimated focal length.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct FocalLength {
+pub struct FocalLength {
     /// Focal length in long sides of the image.
-    pub(crate) long_sides: f64,
+    pub long_sides: f64,
     /// Standard deviation of its logarithm: the scatter of the pairs, and the influence of lenses and shutters.
-    pub(crate) deviation: f64,
+    pub deviation: f64,
     /// Whether a lens with barrel distortion explains the pairs better: then the focal length is worse than its deviation
     /// says.
-    pub(crate) distorts: bool,
+    pub distorts: bool,
 }
 
 /// Estimates the focal length from the images of a recording. `read` returns an image, or `None` if it cannot be read; all
 /// images have one size. `None` if the images do not tell it: the camera hardly moves, or they have too few corners.
 ///
 /// The result is the same for any number of threads.
-pub(crate) fn estimated(frames: usize, read: impl Fn(usize) -> Option<Image<[u8; 3]>> + Sync) -> Option<FocalLength> {
+pub fn estimated_focal_length(
+    frames: usize,
+    read: &(dyn Fn(usize) -> Option<Image<[u8; 3]>> + Sync),
+) -> Option<FocalLength> {
     let read_any = |index: usize| read(index).filter(|image| !image.pixels().is_empty());
     let pairs: Vec<Vec<ViewPair>> = parts_of(frames)
         .into_par_iter()

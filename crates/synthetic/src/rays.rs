@@ -126,8 +126,8 @@ fn angle(cosine: f32) -> f32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{corridor, room, tour};
     use super::*;
+    use crate::{corridor, room, tour};
 
     #[test]
     fn images_show_the_nearest_of_all_solids() {

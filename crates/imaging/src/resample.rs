@@ -16,14 +16,14 @@ struct AxisMap {
 
 /// Mapping of the pixels of a target image to a source image.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct ImageMap {
+pub struct ImageMap {
     columns: AxisMap,
     rows: AxisMap,
 }
 
 impl ImageMap {
     /// Maps from an image of size `source` to one of size `target`, both `(width, height)` and showing the same view.
-    pub(crate) fn resize(source: (usize, usize), target: (usize, usize)) -> Self {
+    pub fn resize(source: (usize, usize), target: (usize, usize)) -> Self {
         let axis = |source_len: usize, target_len: usize| {
             let scale = source_len as f64 / target_len as f64;
             AxisMap { scale, offset: 0.5 * scale - 0.5, source_len, target_len }
@@ -32,7 +32,7 @@ impl ImageMap {
     }
 
     /// Maps from the image of camera `source` to that of camera `target`, at the same position.
-    pub(crate) fn between_cameras(source: &Intrinsics, target: &Intrinsics) -> Self {
+    pub fn between_cameras(source: &Intrinsics, target: &Intrinsics) -> Self {
         let axis = |source: (f32, f32, usize), target: (f32, f32, usize)| {
             let scale = f64::from(source.0) / f64::from(target.0);
             let offset = f64::from(source.1) - scale * f64::from(target.1);
@@ -46,13 +46,13 @@ impl ImageMap {
 
     /// Returns the source pixel, `(column, row)`, nearest to a target pixel; `None` outside the source. Halfway between
     /// two pixels, the left or upper one. Labels and masks both follow this rule.
-    pub(crate) fn nearest(&self, column: usize, row: usize) -> Option<(usize, usize)> {
+    pub fn nearest(&self, column: usize, row: usize) -> Option<(usize, usize)> {
         let inside = self.columns.is_inside(column) && self.rows.is_inside(row);
         inside.then(|| (self.columns.nearest(column), self.rows.nearest(row)))
     }
 
     /// Returns true if no pixel moves.
-    pub(crate) fn is_identity(&self) -> bool {
+    pub fn is_identity(&self) -> bool {
         [self.columns, self.rows]
             .iter()
             .all(|axis| axis.scale == 1.0 && axis.offset == 0.0 && axis.source_len == axis.target_len)
@@ -114,7 +114,7 @@ impl AxisMap {
 }
 
 /// Resamples colour with a low-pass filter. Pixels outside the source repeat its edge. Black for an empty source.
-pub(crate) fn resample_color(source: &CowImage<'_, [u8; 3]>, map: &ImageMap) -> Image<[u8; 3]> {
+pub fn resample_color(source: &CowImage<'_, [u8; 3]>, map: &ImageMap) -> Image<[u8; 3]> {
     if map.is_identity() {
         return source.clone().into_owned();
     }
@@ -154,7 +154,7 @@ fn rounded(value: f32) -> u8 {
 
 /// Takes for each target pixel the valid depth nearest to its centre, among the source pixels it covers; 0 if there is
 /// none.
-pub(crate) fn resample_depth(source: &CowImage<'_, f32>, map: &ImageMap) -> Image<f32> {
+pub fn resample_depth(source: &CowImage<'_, f32>, map: &ImageMap) -> Image<f32> {
     if map.is_identity() {
         return source.clone().into_owned();
     }
@@ -179,7 +179,7 @@ pub(crate) fn resample_depth(source: &CowImage<'_, f32>, map: &ImageMap) -> Imag
 }
 
 /// Takes the label nearest to each target pixel; 0 outside the source.
-pub(crate) fn resample_labels(source: &SegmentMap, map: &ImageMap) -> SegmentMap {
+pub fn resample_labels(source: &SegmentMap, map: &ImageMap) -> SegmentMap {
     let (width, height) = (map.columns.target_len, map.rows.target_len);
     if source.pixels().is_empty() {
         return Image::filled(width, height, 0);

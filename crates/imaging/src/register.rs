@@ -4,19 +4,19 @@ use splatseg_geometry::{Image, Intrinsics, LocalPose};
 
 /// A depth camera, a colour camera and their relative pose.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct CameraPair {
+pub struct CameraPair {
     /// Camera that measured the depth.
-    pub(crate) depth: Intrinsics,
+    pub depth: Intrinsics,
     /// Camera to warp into.
-    pub(crate) color: Intrinsics,
+    pub color: Intrinsics,
     /// Transform from depth camera to colour camera coordinates.
-    pub(crate) color_from_depth: LocalPose,
+    pub color_from_depth: LocalPose,
 }
 
 /// Moves every measurement (z-depth, metres, `[height, width]` of the depth camera) to the pixel where the colour
 /// camera sees it. If several fall on one pixel, the nearest is kept. Pixels without any are 0. Nothing is
 /// interpolated.
-pub(crate) fn register_depth(depth: &Image<f32>, cameras: &CameraPair) -> Image<f32> {
+pub fn register_depth(depth: &Image<f32>, cameras: &CameraPair) -> Image<f32> {
     let (width, height) = (cameras.color.width, cameras.color.height);
     let mut registered: Image<f32> = Image::filled(width, height, 0.0);
     for row in 0..depth.height() {

@@ -213,8 +213,8 @@ pub(super) fn visited(scenery: &Scenery, changes: &[TrueChange], visit: Visit) -
 
 #[cfg(test)]
 mod tests {
-    use super::super::{SyntheticSettings, room, tour};
     use super::*;
+    use crate::{SyntheticSettings, room, tour};
 
     #[test]
     fn changes_are_found_in_nearly_every_room_and_places_are_free() {

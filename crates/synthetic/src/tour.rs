@@ -159,8 +159,8 @@ fn solid(id: SegmentId, half: Vec3, center: Vec3, texture: &Texture) -> Solid {
 
 #[cfg(test)]
 mod tests {
-    use super::super::furniture::Lane;
     use super::*;
+    use crate::furniture::Lane;
 
     #[test]
     fn every_room_has_things_and_the_walk_passes_through_the_doorways() {

@@ -1,7 +1,19 @@
-//! Furnished rooms and a corridor, ray-cast on demand, with exact depth, poses and instance ids.
+//! Furnished rooms, tours of several rooms, and corridors, ray-cast on demand, with exact depth, poses and instance ids.
+//!
+//! A [`SyntheticScene`] is arranged by its [`SyntheticSettings`], which can be written as one text:
+//!
+//! ```
+//! use splatseg_synthetic::SyntheticScene;
+//! let scene = SyntheticScene::new("synthetic:frames=4,width=64,height=48".parse()?)?;
+//! let (color, depth) = scene.images(0);
+//! assert_eq!((color.size(), depth.size()), ((64, 48), (64, 48)));
+//! assert!(scene.segments(0).areas().len() > 6);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod change;
 mod corridor;
+mod error;
 mod free_space;
 mod furniture;
 mod layout;
@@ -22,30 +34,22 @@ mod visibility;
 mod walk;
 
 pub use change::{ChangeKind, TrueChange, Visit};
+pub use error::SyntheticError;
 pub use layout::Layout;
 pub use motion::{Motion, Mover};
 pub use noise::Noise;
 pub use settings::{CameraMotion, SyntheticSettings};
-pub(crate) use settings::{LAYOUT, looks_like};
 pub use speed::{Speed, SpeedError};
 pub use thing::{Thing, ThingKind};
 
-use crate::files::MemoryRequirement;
-use crate::own_camera::{OwnCamera, camera_place};
-use crate::scene::{FramePart, FrameParts};
-use crate::{DatasetError, Format, RecordedFrame, Scene};
 use glam::DVec3;
 use noise::{Sample, color_bytes, kinect_measurements};
 use rays::Caster;
 use scenery::Scenery;
-use splatseg_geometry::{Image, Intrinsics, LocalPose, SegmentId, SegmentMap};
-use std::path::{Path, PathBuf};
+use splatseg_geometry::{Image, Intrinsics, LocalPose, Pose, SegmentId, SegmentMap};
 
 /// Focal length in image widths, for a Kinect's field of view of 58 degrees.
 const FOCAL_WIDTHS: f32 = 0.9;
-
-/// Memory for rendering a frame, bytes per pixel: two copies of the ray samples, and the frame.
-const RENDERING_BYTES_PER_PIXEL: u64 = 2 * size_of::<Sample>() as u64 + 16;
 
 /// A room with textured boxes, spheres and cylinders, or another [`Layout`]. The camera walks through it in a circle, so
 /// that objects leave the view and return. Frames are rendered when they are read, and equal settings give equal frames. With
@@ -64,26 +68,21 @@ pub struct SyntheticScene {
     movers: Vec<Mover>,
     changes: Vec<TrueChange>,
     intrinsics: Intrinsics,
-    own_camera: Option<OwnCamera>,
+    stated_intrinsics: Option<Intrinsics>,
 }
 
 impl SyntheticScene {
+    /// Memory for rendering a frame, bytes per pixel: two copies of the ray samples, and the frame.
+    pub const RENDERING_BYTES_PER_PIXEL: u64 = 2 * size_of::<Sample>() as u64 + 16;
+
     /// Furnishes the room.
     ///
     /// # Errors
-    /// [`DatasetError::MemoryLimit`] if its frames are too large; [`DatasetError::Synthetic`] names a setting that is
-    /// out of range, including more moving things than there are things on which nothing else stands.
-    pub fn new(settings: SyntheticSettings) -> Result<Self, DatasetError> {
+    /// [`SyntheticError`] names a setting that is out of range, including more moving things than there are things on
+    /// which nothing else stands.
+    pub fn new(settings: SyntheticSettings) -> Result<Self, SyntheticError> {
         settings.validate()?;
         let (width, height) = (settings.width, settings.height);
-        let remedy = "choose a smaller width and height, or raise --memory-limit";
-        let requirement = MemoryRequirement {
-            what: "frame",
-            size: (width, height),
-            bytes_per_pixel: RENDERING_BYTES_PER_PIXEL,
-            remedy,
-        };
-        requirement.check(Path::new(&settings.to_string()))?;
         let focal = FOCAL_WIDTHS * width as f32;
         let intrinsics = Intrinsics {
             fx: focal,
@@ -100,15 +99,22 @@ impl SyntheticScene {
             Layout::Corridor(doors) => corridor::furnished(seed, doors),
         };
         let (name, movers) = (settings.to_string(), Vec::new());
-        let mut scene = Self { name, settings, scenery, movers, changes: Vec::new(), intrinsics, own_camera: None };
+        let changes = Vec::new();
+        let mut scene = Self { name, settings, scenery, movers, changes, intrinsics, stated_intrinsics: None };
         scene.apply_changes()?;
         scene.movers = scene.choose_movers()?;
         Ok(scene)
     }
 
     /// Changes the stated intrinsics, not those that frames are rendered with.
-    pub(crate) fn with_camera(self, own_camera: Option<OwnCamera>) -> Self {
-        Self { own_camera, ..self }
+    #[must_use]
+    pub fn with_stated_intrinsics(self, intrinsics: Intrinsics) -> Self {
+        Self { stated_intrinsics: Some(intrinsics), ..self }
+    }
+
+    /// Returns the settings as text.
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     /// Returns the things in the scene, by increasing id, without walls, floors, ceilings and doors.
@@ -149,9 +155,9 @@ impl SyntheticScene {
     }
 
     /// Changes the scene into that of the visit.
-    fn apply_changes(&mut self) -> Result<(), DatasetError> {
+    fn apply_changes(&mut self) -> Result<(), SyntheticError> {
         let Some(visit) = self.settings.visit else { return Ok(()) };
-        let too_few = || DatasetError::Synthetic {
+        let too_few = || SyntheticError {
             text: self.name.clone(),
             field: "visit".to_owned(),
             found: visit.name().to_owned(),
@@ -162,8 +168,8 @@ impl SyntheticScene {
         Ok(())
     }
 
-    fn choose_movers(&self) -> Result<Vec<Mover>, DatasetError> {
-        let too_many = || DatasetError::Synthetic {
+    fn choose_movers(&self) -> Result<Vec<Mover>, SyntheticError> {
+        let too_many = || SyntheticError {
             text: self.name.clone(),
             field: "moving".to_owned(),
             found: self.settings.moving.to_string(),
@@ -181,6 +187,40 @@ impl SyntheticScene {
         &self.settings
     }
 
+    /// Returns the intrinsics that every frame is rendered with.
+    pub fn intrinsics(&self) -> Intrinsics {
+        self.intrinsics
+    }
+
+    /// Returns the intrinsics that are stated instead; see [`Self::with_stated_intrinsics`].
+    pub fn stated_intrinsics(&self) -> Option<Intrinsics> {
+        self.stated_intrinsics
+    }
+
+    /// Returns the camera's pose, camera to world, in a frame.
+    pub fn pose(&self, frame: usize) -> Pose {
+        self.camera_pose(frame).at(DVec3::ZERO)
+    }
+
+    /// Renders a frame: its colours, and its depth in metres, 0 where none is measured. The last frame of the settings is
+    /// not a limit.
+    pub fn images(&self, frame: usize) -> (Image<[u8; 3]>, Image<f32>) {
+        let exact = self.cast_rays(frame);
+        let (width, height) = exact.size();
+        let measured: Vec<([u8; 3], f32)> = match self.settings.noise {
+            Noise::None => exact.pixels().iter().map(|sample| (color_bytes(sample.color), sample.depth)).collect(),
+            Noise::Kinect => kinect_measurements(&exact, self.settings.seed, frame),
+        };
+        let color = Image::from_fn(width, height, |column, row| measured[row * width + column].0);
+        let depth = Image::from_fn(width, height, |column, row| measured[row * width + column].1);
+        (color, depth)
+    }
+
+    /// Renders the true instance ids of a frame.
+    pub fn segments(&self, frame: usize) -> SegmentMap {
+        self.cast_rays(frame).map(|sample| sample.id)
+    }
+
     fn camera_pose(&self, frame: usize) -> LocalPose {
         match self.settings.camera {
             CameraMotion::Walk => self.scenery.walk.pose(self.settings.speed.time_at(frame)),
@@ -188,69 +228,9 @@ impl SyntheticScene {
         }
     }
 
-    fn check_index(&self, index: usize) -> Result<(), DatasetError> {
-        if index < self.settings.frames {
-            return Ok(());
-        }
-        Err(DatasetError::NoSuchFrame { scene: self.name.clone(), index, count: self.settings.frames })
-    }
-
     /// Casts a ray through the centre of every pixel of a frame, without noise.
     fn cast_rays(&self, frame: usize) -> Image<Sample> {
         let scenery = self.scenery.at(frame, &self.movers);
         Caster { scenery: &scenery, intrinsics: self.intrinsics, pose: self.camera_pose(frame) }.image()
-    }
-}
-
-impl Scene for SyntheticScene {
-    fn name(&self) -> &str {
-        &self.name
-    }
-
-    fn frame_count(&self) -> usize {
-        self.settings.frames
-    }
-
-    fn frame_name(&self, index: usize) -> String {
-        if index < self.settings.frames { format!("frame-{index:06}") } else { String::new() }
-    }
-
-    fn read_recorded(&self, index: usize) -> Result<RecordedFrame, DatasetError> {
-        self.check_index(index)?;
-        let exact = self.cast_rays(index);
-        let (width, height) = exact.size();
-        let measured: Vec<([u8; 3], f32)> = match self.settings.noise {
-            Noise::None => exact.pixels().iter().map(|sample| (color_bytes(sample.color), sample.depth)).collect(),
-            Noise::Kinect => kinect_measurements(&exact, self.settings.seed, index),
-        };
-        let color = Image::from_fn(width, height, |column, row| measured[row * width + column].0);
-        let depth = Image::from_fn(width, height, |column, row| measured[row * width + column].1);
-        let intrinsics = self.own_camera.map_or(self.intrinsics, |camera| camera.intrinsics(exact.size()));
-        let name = self.frame_name(index);
-        let world_from_camera = self.camera_pose(index).at(DVec3::ZERO);
-        FrameParts { name, timestamp: None, color, depth, intrinsics, world_from_camera: Some(world_from_camera) }
-            .into_frame()
-    }
-
-    fn world_up(&self) -> Option<DVec3> {
-        Some(DVec3::Z)
-    }
-
-    fn has_ground_truth(&self) -> bool {
-        true
-    }
-
-    fn read_ground_truth(&self, index: usize) -> Result<Option<SegmentMap>, DatasetError> {
-        self.check_index(index)?;
-        Ok(Some(self.cast_rays(index).map(|sample| sample.id)))
-    }
-
-    fn format(&self) -> Option<Format> {
-        Some(Format::Synthetic)
-    }
-
-    fn file_of(&self, index: usize, part: FramePart) -> PathBuf {
-        let place = PathBuf::from(format!("{}: frame {}", self.name, self.frame_name(index)));
-        if part == FramePart::Intrinsics { camera_place(self.own_camera.as_ref(), &place) } else { place }
     }
 }

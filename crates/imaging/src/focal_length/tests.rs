@@ -1,9 +1,6 @@
 use super::view_pairs::ViewPair;
 use super::*;
-use crate::{DatasetSettings, FolderScene, Scene};
 use glam::{DQuat, DVec2, DVec3, Vec2, Vec3};
-use splatseg_geometry::CowImage;
-use splatseg_test_scenes::shared;
 
 /// A room with a pattern on its walls, 5 × 3 × 5 m around the origin.
 const HALF: Vec3 = Vec3::new(2.5, 1.5, 2.5);
@@ -68,7 +65,7 @@ fn walk(lens: (f32, f32)) -> Vec<Image<[u8; 3]>> {
 }
 
 fn estimate_of(images: &[Image<[u8; 3]>]) -> Option<FocalLength> {
-    estimated(images.len(), |index| images.get(index).cloned())
+    estimated_focal_length(images.len(), &|index| images.get(index).cloned())
 }
 
 #[test]
@@ -106,7 +103,7 @@ fn frames_that_cannot_be_read_and_threads_change_nothing_else() {
     let without_end = |index: usize| images.get(index).filter(|_| index < 55).cloned();
     let on = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| estimated(images.len(), without_end)).unwrap()
+        pool.install(|| estimated_focal_length(images.len(), &without_end)).unwrap()
     };
     assert_eq!(on(1), on(3));
     assert!((on(1).long_sides / 0.85).ln().abs() < 0.06, "{:?}", on(1));
@@ -144,52 +141,4 @@ fn parts_are_spread_over_a_long_recording() {
     assert_eq!((parts_of(20).len(), parts_of(45)), (1, vec![0..22, 22..45]));
     let parts = parts_of(9000);
     assert_eq!((parts.len(), parts[9].clone()), (10, 8100..8130));
-}
-
-/// The middle of an image: `share` of each side.
-fn middle(image: &CowImage<'_, [u8; 3]>, share: f64) -> Image<[u8; 3]> {
-    let [width, height] = [image.width(), image.height()].map(|side| (side as f64 * share) as usize);
-    let (left, top) = ((image.width() - width) / 2, (image.height() - height) / 2);
-    Image::from_fn(width, height, |column, row| image[(left + column, top + row)])
-}
-
-/// Estimates the cameras of recordings, of which `share` of each side of the images is seen, and compares them with the
-/// truth. Returns the number of estimates, or `None` without recordings.
-fn compare_recorded(share: f64, test: &str) -> Option<usize> {
-    let mut estimates = 0;
-    for (scene, long_sides) in [
-        ("data/tum-rpy-dev", 258.65 / 320.0),
-        ("data/kitchen-dev", 525.8 / 640.0),
-        ("data/hololens-dev", 293.67 / 320.0),
-        ("data/rooms/dev-a", 288.935 / 320.0),
-        ("data/rooms/dev-b", 288.935 / 320.0),
-    ] {
-        let folder = shared(scene, test)?;
-        let settings = DatasetSettings::default().with(|settings| settings.fx = Some(300.0));
-        let frames = FolderScene::of_images(&folder.join("color"), &settings).unwrap();
-        let image = |index: usize| Some(middle(frames.read_recorded(index).ok()?.frame.color(), share));
-        let found = estimated(frames.frame_count(), image);
-        let truth = long_sides / share;
-        println!("{scene}, {share} of the image: {truth:.3} long sides, estimated {found:?}");
-        if let Some(found) = found {
-            let error = (found.long_sides / truth).ln();
-            assert!(error.abs() < 2.0 * found.deviation, "{scene}, {share}: {found:?}");
-            estimates += 1;
-        }
-    }
-    Some(estimates)
-}
-
-#[test]
-fn recorded_cameras_are_estimated() {
-    if let Some(estimates) = compare_recorded(1.0, "recorded_cameras_are_estimated") {
-        assert_eq!(estimates, 5);
-    }
-}
-
-/// The middle of the images stands for a longer lens. Images of 224×168, of cameras that move far from frame to frame, need
-/// not tell it.
-#[test]
-fn recorded_cameras_with_longer_lenses_are_estimated_or_not_known() {
-    compare_recorded(0.7, "recorded_cameras_with_longer_lenses_are_estimated_or_not_known");
 }

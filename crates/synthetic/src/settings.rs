@@ -1,18 +1,9 @@
 //! Settings of the synthetic room, and their form on a command line.
 
-use super::{Layout, Noise, Speed, Visit};
-use crate::DatasetError;
+use super::{Layout, Noise, Speed, SyntheticError, Visit};
 use serde::{Deserialize, Serialize};
 use std::fmt;
-use std::path::Path;
 use std::str::FromStr;
-
-/// Syntax of a synthetic room's name, for messages.
-pub(crate) const LAYOUT: &str = "the word synthetic, or synthetic:frames=60,seed=0,width=320,height=240,objects=20,noise=none \
-                                 with any of these settings (noise: none or kinect), moving=2 (the number of moving things), \
-                                 camera=static and speed=0.04 (of all motion, for a video at 30 frames per second), or \
-                                 tour=4 (rooms) or corridor=20 (doors) instead of one room, or visit=before \
-                                 or visit=after (a room or tour before and after seven things have changed)";
 
 const KEYS: &str = "width, height, frames, seed, objects, noise, moving, camera, speed, tour, corridor or visit";
 const PREFIX: &str = "synthetic";
@@ -91,19 +82,24 @@ impl Default for SyntheticSettings {
     }
 }
 
-/// Returns true if a path is the name of a synthetic room.
-pub(crate) fn looks_like(path: &Path) -> bool {
-    path.to_str()
-        .and_then(|text| text.strip_prefix(PREFIX))
-        .is_some_and(|rest| rest.is_empty() || rest.starts_with(':'))
-}
-
 impl SyntheticSettings {
+    /// Syntax of the text, for messages.
+    pub const SYNTAX: &str = "the word synthetic, or synthetic:frames=60,seed=0,width=320,height=240,objects=20,noise=none \
+                          with any of these settings (noise: none or kinect), moving=2 (the number of moving things), \
+                          camera=static and speed=0.04 (of all motion, for a video at 30 frames per second), or \
+                          tour=4 (rooms) or corridor=20 (doors) instead of one room, or visit=before \
+                          or visit=after (a room or tour before and after seven things have changed)";
+
+    /// Returns true if a text is meant as the settings of a synthetic scene: it begins like one.
+    pub fn are_meant_by(text: &str) -> bool {
+        text.strip_prefix(PREFIX).is_some_and(|rest| rest.is_empty() || rest.starts_with(':'))
+    }
+
     /// Checks that every setting is in its range.
     ///
     /// # Errors
-    /// [`DatasetError::Synthetic`] names the setting, the value found and the value expected.
-    pub fn validate(&self) -> Result<(), DatasetError> {
+    /// [`SyntheticError`] names the setting, the value found and the value expected.
+    pub fn validate(&self) -> Result<(), SyntheticError> {
         let checks = [
             ("width", self.width, SIDE, "8 to 4096"),
             ("height", self.height, SIDE, "8 to 4096"),
@@ -116,7 +112,7 @@ impl SyntheticSettings {
         let out_of_range = out_of_range.map(|(field, found, _, expected)| (field, found, expected));
         let wrong = out_of_range.or(self.layout.wrong_count()).or(self.contradiction());
         let Some((field, found, expected)) = wrong else { return Ok(()) };
-        Err(DatasetError::Synthetic {
+        Err(SyntheticError {
             text: self.to_string(),
             field: field.to_owned(),
             found: found.to_string(),
@@ -169,20 +165,20 @@ impl fmt::Display for SyntheticSettings {
 }
 
 impl FromStr for SyntheticSettings {
-    type Err = DatasetError;
+    type Err = SyntheticError;
 
-    fn from_str(text: &str) -> Result<Self, DatasetError> {
-        let wrong = |field: &str, found: &str, expected: &str| DatasetError::Synthetic {
+    fn from_str(text: &str) -> Result<Self, SyntheticError> {
+        let wrong = |field: &str, found: &str, expected: &str| SyntheticError {
             text: text.to_owned(),
             field: field.to_owned(),
             found: found.to_owned(),
             expected: expected.to_owned(),
         };
-        let rest = text.strip_prefix(PREFIX).ok_or_else(|| wrong("scene", text, LAYOUT))?;
+        let rest = text.strip_prefix(PREFIX).ok_or_else(|| wrong("scene", text, Self::SYNTAX))?;
         let list = match rest.strip_prefix(':') {
             Some(list) => list,
             None if rest.is_empty() => "",
-            None => return Err(wrong("scene", text, LAYOUT)),
+            None => return Err(wrong("scene", text, Self::SYNTAX)),
         };
         let mut settings = Self::default();
         for item in list.split(',').filter(|item| !item.is_empty()) {
@@ -252,8 +248,8 @@ mod tests {
             let json = serde_json::to_string(&settings).unwrap();
             assert_eq!(serde_json::from_str::<SyntheticSettings>(&json).unwrap(), settings);
         }
-        assert!(looks_like(Path::new(text)) && looks_like(Path::new("synthetic")));
-        assert!(!looks_like(Path::new("./synthetic")) && !looks_like(Path::new("synthetic-rooms")));
+        let is_meant = SyntheticSettings::are_meant_by;
+        assert!(is_meant(text) && is_meant("synthetic") && !is_meant("./synthetic") && !is_meant("synthetic-rooms"));
     }
 
     #[test]
