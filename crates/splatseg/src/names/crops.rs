@@ -1,6 +1,7 @@
 //! The images of an object for a network: its view with some of its surroundings, and the same with these dimmed.
 
 use splatseg_geometry::Image;
+use splatseg_imaging::{ImageMap, resample_color};
 use splatseg_objects::ObjectView;
 
 /// Share of the surroundings' contrast that is left when they are dimmed.
@@ -33,63 +34,16 @@ fn blend(pixel: [u8; 3], around: [u8; 3]) -> [u8; 3] {
     })
 }
 
-/// An image in the middle of a square of a colour, resampled with a triangle filter.
+/// An image in the middle of a square of a colour, resampled to sides of `side` pixels.
 fn square(image: &Image<[u8; 3]>, around: [u8; 3], side: usize) -> Image<[u8; 3]> {
     let longest = image.width().max(image.height());
     let (left, top) = ((longest - image.width()) / 2, (longest - image.height()) / 2);
-    let taps = Taps::new(longest, side);
-    let inside = |at: usize, start: usize, length: usize| at.checked_sub(start).filter(|at| *at < length);
-    // Rows first: [longest, side].
-    let mut rows = vec![[0f32; 3]; longest * side];
-    for (row, out) in rows.chunks_exact_mut(side).enumerate() {
-        let source = inside(row, top, image.height()).map(|row| image.row(row));
-        let pixel = |column: usize| match (source, inside(column, left, image.width())) {
-            (Some(source), Some(column)) => source[column],
-            _ => around,
-        };
-        for (out, taps) in out.iter_mut().zip(&taps.0) {
-            for (offset, weight) in taps.weights.iter().enumerate() {
-                let pixel = pixel(taps.first + offset);
-                (0..3).for_each(|channel| out[channel] += weight * f32::from(pixel[channel]));
-            }
-        }
+    let mut padded = Image::filled(longest, longest, around);
+    for row in 0..image.height() {
+        let start = (top + row) * longest + left;
+        padded.pixels_mut()[start..start + image.width()].copy_from_slice(image.row(row));
     }
-    Image::from_fn(side, side, |column, row| {
-        let taps = &taps.0[row];
-        let mut sum = [0f32; 3];
-        for (offset, weight) in taps.weights.iter().enumerate() {
-            let value = rows[(taps.first + offset) * side + column];
-            (0..3).for_each(|channel| sum[channel] += weight * value[channel]);
-        }
-        sum.map(|value| value.round().clamp(0.0, 255.0) as u8)
-    })
-}
-
-/// For each pixel of the result along an axis, the pixels that it is made of.
-struct Taps(Vec<PixelTaps>);
-
-struct PixelTaps {
-    first: usize,
-    /// Weights with the sum 1.
-    weights: Vec<f32>,
-}
-
-impl Taps {
-    fn new(from: usize, to: usize) -> Self {
-        let scale = from as f32 / to as f32;
-        let reach = scale.max(1.0);
-        let of = |index: usize| {
-            let center = (index as f32 + 0.5) * scale;
-            let first = (center - reach).max(0.0) as usize;
-            let end = ((center + reach).ceil() as usize).clamp(first + 1, from);
-            let weight = |at: usize| (1.0 - (at as f32 + 0.5 - center).abs() / reach).max(0.0);
-            let mut weights: Vec<f32> = (first..end).map(weight).collect();
-            let sum: f32 = weights.iter().sum();
-            weights.iter_mut().for_each(|weight| *weight /= sum.max(1e-6));
-            PixelTaps { first, weights }
-        };
-        Self((0..to).map(of).collect())
-    }
+    resample_color(&padded, &ImageMap::resize((longest, longest), (side, side)))
 }
 
 #[cfg(test)]

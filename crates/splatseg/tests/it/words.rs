@@ -49,9 +49,9 @@ impl Thing {
     /// True if a point in the plane of the things shows it.
     fn has(&self, [x, y]: [f32; 2]) -> bool {
         let (u, v) = ((x - self.place[0]) / self.radius, (y - self.place[1]) / self.radius);
-        match self.name.split(' ').next_back() {
-            Some("ball") => u * u + v * v < 1.0,
-            Some("box") => u.abs() < 0.95 && v.abs() < 0.95,
+        match self.name {
+            name if name.ends_with("ball") => u * u + v * v < 1.0,
+            name if name.ends_with("box") => u.abs() < 0.95 && v.abs() < 0.95,
             _ => v.abs() < 1.0 && u.abs() < f32::midpoint(v, 1.0),
         }
     }
