@@ -42,6 +42,11 @@ impl LivePlaces {
         made.map(|made| self.take(made)).is_some()
     }
 
+    /// Notes that objects were merged by hand, which no frame tells.
+    pub(crate) fn outdate(&mut self) {
+        self.beside.iter_mut().for_each(PlanBeside::outdate);
+    }
+
     /// Makes the plan of the map as it is at the end. Returns as [`Self::step`].
     pub(crate) fn finish(&mut self, pipeline: &mut Pipeline) -> bool {
         let made = self.beside().and_then(|beside| beside.last(pipeline));

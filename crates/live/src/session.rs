@@ -668,6 +668,7 @@ impl LiveSession {
         self.seen.remap(&remapped);
         self.waiting.remap(&remapped);
         self.outlet.merge(&remapped);
+        self.places.outdate();
         (self.has_new_names, self.has_unpublished_names) = (true, true);
         self.map_version += 1;
         Ok(remapped.first().map_or(0, |ids| ids.into))

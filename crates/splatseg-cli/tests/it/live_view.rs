@@ -56,6 +56,18 @@ impl Live {
         Self { child, address: address.to_owned(), token: token.to_owned() }
     }
 
+    /// Ends the session as Ctrl-C does.
+    fn interrupt(&self) {
+        let mut kill = std::process::Command::new("kill");
+        assert!(kill.args(["-INT", &self.child.id().to_string()]).status().unwrap().success());
+    }
+
+    /// Waits for the end after [`Self::interrupt`]; the recording may have ended before.
+    fn assert_ended(&mut self) {
+        let status = self.child.wait().unwrap();
+        assert!([Some(0), Some(130)].contains(&status.code()), "{status}");
+    }
+
     /// The status line of the page's response.
     fn get(&self, target: &str) -> String {
         let mut tcp = TcpStream::connect(&self.address).unwrap();
@@ -182,8 +194,9 @@ fn the_live_page_has_a_timeline_isolates_objects_and_merges_them_in_the_saved_ma
     browser.wait_for(&format!(
         "!splatsegPage.run.byId.has({from}) && splatsegPage.run.byId.has({into}) && !splatsegPage.map().splats.ids.includes({from})"
     ));
+    live.interrupt();
     browser.wait_for("document.documentElement.dataset.state === 'ended'");
-    assert!(live.child.wait().unwrap().success());
+    live.assert_ended();
     // The plan of the whole map has come before the end, with its rooms and the objects that were merged as one.
     browser.wait_for("Number(document.documentElement.dataset.rooms) > 0");
     browser.press("p");
@@ -239,12 +252,13 @@ fn the_live_page_names_objects_finds_them_by_words_and_chooses_the_detail() {
     browser.wait_for("document.documentElement.dataset.detail === 'fine'");
     browser.wait_for(&format!("splatsegPage.run.byId.get({id}).label === 'reading lamp'"));
     assert_eq!(browser.value(detail), "fine");
+    live.interrupt();
     browser.wait_for("document.documentElement.dataset.state === 'ended'");
     // Nobody answers any more.
     let is_closed = "document.querySelector('#objects form').hidden && document.getElementById('detail').hidden \
         && document.getElementById('filter').placeholder === 'Find an id or a label'";
     assert_eq!(browser.value(is_closed), true);
-    assert!(live.child.wait().unwrap().success());
+    live.assert_ended();
     let saved = splatseg::pipeline::NamedMap::load(&map).unwrap();
     let objects = saved.object_list();
     assert_eq!(objects.get(id as u32).unwrap().label.as_deref(), Some("reading lamp"));

@@ -68,6 +68,12 @@ impl PlanBeside {
         made
     }
 
+    /// Notes that the map has changed without a frame, e.g. by objects that were merged by hand: the latest plan, and one under
+    /// way, are of the map before.
+    pub fn outdate(&mut self) {
+        (self.begun, self.frames) = (None, 0);
+    }
+
     /// The plan of the map as it is now, made by the caller's threads after those under way; `None` if there was nothing new
     /// since the latest one.
     pub fn last(&mut self, pipeline: &mut Pipeline) -> Option<Result<MapPlaces, PoseSourceError>> {
