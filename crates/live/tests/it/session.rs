@@ -470,13 +470,17 @@ fn requests_without_end_do_not_stop_the_frames_nor_the_end() {
             std::thread::sleep(Duration::from_secs(1));
             is_stopped.store(true, Ordering::SeqCst);
             // Otherwise the test would go on for ever.
-            std::thread::sleep(Duration::from_secs(3));
+            let stopped = std::time::Instant::now();
+            while !is_done.load(Ordering::SeqCst) && stopped.elapsed() < Duration::from_secs(3) {
+                std::thread::sleep(Duration::from_millis(5));
+            }
             is_done.store(true, Ordering::SeqCst);
         });
         let started = std::time::Instant::now();
         setting.session.run(&mut || is_stopped.load(Ordering::SeqCst)).unwrap();
         assert!(started.elapsed() < Duration::from_secs(3), "{:?}", started.elapsed());
         is_done.store(true, Ordering::SeqCst);
+        setting.session.close_requests();
     });
 }
 

@@ -38,7 +38,7 @@ pub fn entries() -> Vec<Entry> {
     // A stable sort: the top level first, then each section in one piece.
     let order: Vec<&str> = entries.iter().map(|entry| entry.field.section).collect();
     let place = |entry: &Entry| order.iter().position(|section| *section == entry.field.section);
-    entries.sort_by_key(|entry| (!entry.field.section.is_empty(), place(entry)));
+    entries.sort_by_cached_key(|entry| (!entry.field.section.is_empty(), place(entry)));
     entries
 }
 

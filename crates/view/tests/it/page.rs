@@ -315,7 +315,7 @@ fn the_last_results_reach_viewers_before_the_end_of_the_session() {
     assert_eq!(page.page_message("objects").unwrap().0["objects"][0]["label"], "first");
     server.publish_objects(vec![object(1, "last")], 2);
     server.publish_plan(Some(&floor_plan()));
-    drop(server);
+    let ending = std::thread::spawn(move || drop(server));
     let mut kinds = BTreeSet::new();
     while let Some((kind, payload)) = page.receive().filter(|(kind, _)| *kind != CLOSE) {
         if kind == TEXT {
@@ -325,6 +325,8 @@ fn the_last_results_reach_viewers_before_the_end_of_the_session() {
         }
     }
     assert!(kinds.contains("objects") && kinds.contains("plan"), "{kinds:?}");
+    drop(page);
+    ending.join().unwrap();
 }
 
 #[test]
@@ -344,10 +346,12 @@ fn the_end_of_the_session_is_told() {
     let mut page = watched(&server);
     server.publish_frame(None, || frame(5, 32, 24));
     page.page_message("frame").unwrap();
-    drop(server);
+    let ending = std::thread::spawn(move || drop(server));
     let farewell = std::iter::from_fn(|| page.receive()).find(|(kind, _)| *kind == CLOSE).unwrap().1;
     // The code of a normal end (RFC 6455, section 7.4.1): the page does not try to connect again.
     assert_eq!(farewell[..2], 1000_u16.to_be_bytes());
+    drop(page);
+    ending.join().unwrap();
 }
 
 #[test]
@@ -364,6 +368,7 @@ fn the_end_is_told_to_a_viewer_that_reads_slowly_and_goes_on_sending() {
     std::thread::sleep(Duration::from_millis(300));
     let farewell = std::iter::from_fn(|| page.receive()).find(|(kind, _)| *kind == CLOSE);
     assert_eq!(farewell.map(|(_, payload)| payload[..2].to_owned()), Some(1000_u16.to_be_bytes().to_vec()));
+    drop(page);
     ending.join().unwrap();
 }
 
