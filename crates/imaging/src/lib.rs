@@ -1,8 +1,8 @@
 //! Images between cameras: resampling, undistortion, registration of depth to colour, and the focal length of a camera
 //! from the images it took.
 //!
-//! What is computed for every pixel of every image that is read, apart from the formats it is read from. No I/O. Pixel centres
-//! have integer coordinates, and depth is z-depth in metres, 0 for none, as everywhere in the project.
+//! These functions work on pixels and know nothing of file formats: they do no I/O. Pixel centres have integer coordinates,
+//! and depth is z-depth in metres, 0 for none, as everywhere in the project.
 
 mod focal_length;
 mod register;

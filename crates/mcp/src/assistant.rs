@@ -69,8 +69,8 @@ impl Assistant {
         self.tools.iter().map(|tool| &tool.definition)
     }
 
-    /// What the map is and how to use the tools. A client gets it before it calls a tool, and only then, so it has nothing
-    /// that changes with the map's file.
+    /// Describes the map and the use of the tools. A client reads it once, before it calls a tool, so it contains nothing that
+    /// changes with the map's file.
     pub fn instructions(&mut self) -> String {
         let path = self.map.path().display().to_string();
         let allow_write = self.allow_write;

@@ -36,7 +36,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 const TOO_LONG: Duration = Duration::from_secs(5);
-/// Larger networks than this are not computed: that takes long, and is no error.
+/// Networks with larger images are not run, because that takes long; it is not an error.
 const MAX_SIDE: usize = 256;
 
 /// Reads an input, and returns true if that can be used.

@@ -138,7 +138,7 @@ fn two_runs_of_a_scene_are_compared() {
     // The files are the run's: a later one may replace them.
     run(folder.path(), "out", &["--overwrite"]);
     assert!(!out.join("viewer/compared.js").exists() && !out.join("viewer/compared-000.js").exists());
-    // What is no page is refused.
+    // A folder without a page is refused.
     let ended = finish(splatseg().arg("eval").arg("--pred").arg(out.join("segments")).args(["--gt", SCENE, "--page"]));
     assert_eq!(ended.code, 0, "{}", ended.err);
     fs::remove_file(out.join("index.html")).unwrap();

@@ -190,8 +190,8 @@ fn parts(label: &str, longest: usize) -> impl Iterator<Item = &str> {
     })
 }
 
-/// True if no word goes on across a place in a text: one side is no letter or digit, or of a script that does not
-/// separate words.
+/// True if a word may begin or end at a byte position of a text: the character on one side is not a letter or digit, or
+/// belongs to a script that does not separate words.
 fn is_word_boundary(text: &str, place: usize) -> bool {
     let Some((before, after)) = text.split_at_checked(place) else { return false };
     let is_inside = |character: char| character.is_alphanumeric() && !is_unseparated(character);
