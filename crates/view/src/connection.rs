@@ -28,8 +28,8 @@ const MORE_CONNECTIONS: usize = 32;
 const MAX_STRANGERS: usize = 64;
 /// The same, with those that were ended and whose threads are about to notice.
 const MAX_ENDING_STRANGERS: usize = 2 * MAX_STRANGERS;
-/// Interval between looks for new connections.
-const ACCEPT_INTERVAL: Duration = Duration::from_millis(20);
+/// Pause after a connection that could not be accepted, e.g. since too many files are open.
+const RETRY_INTERVAL: Duration = Duration::from_millis(20);
 /// A viewer is looked after at least this often.
 const ATTEND_INTERVAL: Duration = Duration::from_millis(20);
 /// Time to send a viewer what waits for it when the server stops, and for the viewer to leave. A browser on a busy
@@ -128,11 +128,12 @@ impl Connections {
     }
 }
 
-/// Accepts connections until the server stops.
+/// Accepts connections until the server stops, which is noticed at the next connection.
 pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>, connections: &Arc<Connections>) {
     let mut number = 0;
     while !shared.is_stopping() {
         match listener.accept() {
+            Ok(_) if shared.is_stopping() => {}
             Ok((tcp, _)) => {
                 number += 1;
                 count(&shared.counters.connections);
@@ -141,7 +142,7 @@ pub(crate) fn accept(listener: &TcpListener, shared: &Arc<Shared>, connections: 
                     tracing::debug!("a viewer was refused: {error}");
                 }
             }
-            Err(_) => thread::sleep(ACCEPT_INTERVAL),
+            Err(_) => thread::sleep(RETRY_INTERVAL),
         }
     }
 }

@@ -11,10 +11,10 @@ use glam::Vec3;
 use splatseg_geometry::{MapView, Pose};
 use splatseg_places::FloorPlan;
 use std::io;
-use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::thread::{self, JoinHandle};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Time for viewers to be told that the server stops, and to leave: more than a connection waits for its viewer.
 const FAREWELL_TIME: Duration = Duration::from_millis(5200);
@@ -28,6 +28,7 @@ pub struct ViewServer {
     shared: Arc<Shared>,
     connections: Arc<Connections>,
     address: SocketAddr,
+    accepting: Option<JoinHandle<()>>,
     threads: Vec<JoinHandle<()>>,
 }
 
@@ -45,22 +46,32 @@ impl ViewServer {
         let token = token.map_or_else(Token::random, Ok)?;
         let listen = |source: io::Error| ViewError::Listen { address, source };
         let listener = TcpListener::bind(address).map_err(listen)?;
-        listener.set_nonblocking(true).map_err(listen)?;
         let address = listener.local_addr().map_err(listen)?;
         let shared = Arc::new(Shared::new(token, scene, host_names, limits));
         let connections = Arc::new(Connections::default());
-        let mut server = Self { shared, connections, address, threads: Vec::new() };
+        let mut server = Self { shared, connections, address, accepting: None, threads: Vec::new() };
         let (shared, connections) = (Arc::clone(&server.shared), Arc::clone(&server.connections));
-        server.spawn("splatseg-accept", move || connection::accept(&listener, &shared, &connections))?;
+        let accept = move || connection::accept(&listener, &shared, &connections);
+        server.accepting = Some(spawn("splatseg-accept", accept)?);
         let shared = Arc::clone(&server.shared);
-        server.spawn("splatseg-encode", move || encoder::run(&shared))?;
+        server.threads.push(spawn("splatseg-encode", move || encoder::run(&shared))?);
         Ok(server)
     }
 
-    fn spawn(&mut self, name: &str, work: impl FnOnce() + Send + 'static) -> Result<(), ViewError> {
-        let thread = thread::Builder::new().name(name.to_owned()).spawn(work).map_err(ViewError::Thread)?;
-        self.threads.push(thread);
-        Ok(())
+    /// Ends the thread that waits for connections, by connecting to it.
+    fn stop_accepting(&mut self) {
+        let Some(accepting) = self.accepting.take() else { return };
+        let deadline = Instant::now() + END_TIME;
+        while !accepting.is_finished() && Instant::now() < deadline {
+            // It may fail while other connections are accepted.
+            let _ = TcpStream::connect_timeout(&self.shown_address(), END_TIME);
+            thread::sleep(Duration::from_millis(1));
+        }
+        if accepting.is_finished() {
+            self.threads.push(accepting);
+        } else {
+            tracing::error!("port {} stays open until the program ends: nothing connects to it", self.address.port());
+        }
     }
 
     /// The address that the server listens on, with its port.
@@ -180,11 +191,16 @@ impl ViewServer {
     }
 }
 
+fn spawn(name: &str, work: impl FnOnce() + Send + 'static) -> Result<JoinHandle<()>, ViewError> {
+    thread::Builder::new().name(name.to_owned()).spawn(work).map_err(ViewError::Thread)
+}
+
 impl Drop for ViewServer {
     fn drop(&mut self) {
         // The last results of a session are what viewers go on looking at.
         self.shared.pages.finish(FINISH_TIME);
         self.shared.stop();
+        self.stop_accepting();
         self.connections.wait_for_viewers(FAREWELL_TIME);
         self.connections.end(END_TIME);
         for thread in self.threads.drain(..) {
@@ -192,7 +208,5 @@ impl Drop for ViewServer {
                 tracing::error!("a thread of the viewer panicked");
             }
         }
-        // Accepted just before the end.
-        self.connections.end(END_TIME);
     }
 }
