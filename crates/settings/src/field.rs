@@ -17,8 +17,8 @@ pub struct Field {
     pub whole: bool,
     /// Returns true if a text can be parsed as a value. Called only for settings written as text.
     pub is_text_of: fn(&str) -> bool,
-    /// Help text: one paragraph.
-    pub help: String,
+    /// Doc comment, from which [`help`](Self::help) is made.
+    pub doc: &'static str,
     /// The choice without which the setting is unused, e.g. `kettle.electric = true`; several are joined by ` or `.
     pub only: Option<&'static str>,
 }
@@ -35,10 +35,9 @@ impl Field {
         SettingError { key: self.key(), found: found.into(), expected: format!("{whole}{}", self.allowed) }
     }
 
-    /// Converts a doc comment to a help text: one paragraph, without links.
-    #[doc(hidden)]
-    pub fn help_of(doc: &str) -> String {
-        let words: Vec<&str> = doc.split_whitespace().collect();
+    /// Returns the help text: the doc comment as one paragraph, without links.
+    pub fn help(&self) -> String {
+        let words: Vec<&str> = self.doc.split_whitespace().collect();
         words.join(" ").replace("[`", "`").replace("`]", "`")
     }
 }

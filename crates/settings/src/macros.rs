@@ -124,7 +124,7 @@ macro_rules! settings {
                         allowed: $allowed,
                         whole: <$type as $crate::SettingValue>::WHOLE,
                         is_text_of: <$type as $crate::SettingValue>::is_text_of,
-                        help: $crate::Field::help_of(concat!($($doc, " "),+)),
+                        doc: concat!($($doc, " "),+),
                         only: $crate::settings!(@only $($only)?),
                     },)*
                 ], $($(<$inner_type as $crate::Section>::fields(),)+)?].concat()

@@ -293,7 +293,8 @@ fn with_joined_values(arguments: Vec<OsString>) -> Vec<OsString> {
 fn with_settings(command: clap::Command, entries: &[Entry]) -> clap::Command {
     let complete = |argument: Arg| match find_entry(&argument, entries) {
         Some(entry) if argument.get_help().is_none() => {
-            let first = entry.field.help.split_inclusive(". ").next().unwrap_or_default().trim_end();
+            let help = entry.field.help();
+            let first = help.split_inclusive(". ").next().unwrap_or_default().trim_end();
             let argument = argument.help(first.replace('`', "")).long_help(describe(entry).replace('`', ""));
             if matches!(entry.field.allowed, Allowed::Names(_)) {
                 argument.value_parser(PossibleValuesParser::new(possible_values(entry)))

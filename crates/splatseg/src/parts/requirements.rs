@@ -119,7 +119,7 @@ impl Registry {
 }
 
 /// Describes a setting that chooses a part.
-pub(crate) fn choice(name: &'static str, default: Option<&str>, names: &'static [&'static str], help: &str) -> Field {
+pub(crate) fn choice(name: &'static str, default: Option<&str>, names: &'static [&'static str], doc: &'static str) -> Field {
     Field {
         section: "",
         name,
@@ -127,13 +127,13 @@ pub(crate) fn choice(name: &'static str, default: Option<&str>, names: &'static 
         allowed: Allowed::Names(names),
         whole: false,
         is_text_of: |_| true,
-        help: help.to_owned(),
+        doc,
         only: None,
     }
 }
 
 /// Describes a setting that names a file or folder.
-pub(crate) fn file(name: &'static str, help: &str) -> Field {
+pub(crate) fn file(name: &'static str, doc: &'static str) -> Field {
     Field {
         section: "",
         name,
@@ -141,7 +141,7 @@ pub(crate) fn file(name: &'static str, help: &str) -> Field {
         allowed: Allowed::Text(PATH),
         whole: false,
         is_text_of: |_| true,
-        help: help.to_owned(),
+        doc,
         only: None,
     }
 }

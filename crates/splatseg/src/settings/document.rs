@@ -44,7 +44,7 @@ impl DescribedSetting {
             paper_default: MethodPreset::Paper.default_of(&key),
             allowed: allowed(entry),
             used_with: entry.needs.iter().map(ToString::to_string).collect(),
-            help: entry.field.help.clone(),
+            help: entry.field.help(),
             key,
         }
     }
@@ -145,7 +145,7 @@ fn tables(entries: &[Entry]) -> String {
         let default = field.default.as_ref().map_or_else(|| "–".to_owned(), |default| format!("`{default}`"));
         let paper = MethodPreset::Paper.default_of(&field.key()).map(|value| format!("; `paper`: `{value}`"));
         let default = default + &paper.unwrap_or_default();
-        let (key, allowed, needs, help) = (field.key(), allowed(entry), needs(entry), field.help.replace('|', "\\|"));
+        let (key, allowed, needs, help) = (field.key(), allowed(entry), needs(entry), field.help().replace('|', "\\|"));
         let _ = writeln!(text, "| `{key}` | {default} | {allowed} | {needs} | {help} |");
     }
     text

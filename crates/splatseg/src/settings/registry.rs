@@ -45,7 +45,7 @@ pub fn entries() -> Vec<Entry> {
 /// Returns the help of a setting, with its default.
 pub fn describe(entry: &Entry) -> String {
     let default = entry.field.default.as_ref().map(|default| format!(" [default: {}]", default.trim_matches('"')));
-    format!("{}{}", entry.field.help, default.unwrap_or_default())
+    format!("{}{}", entry.field.help(), default.unwrap_or_default())
 }
 
 /// The parts of a kind that are networks.
@@ -66,7 +66,7 @@ mod tests {
         let keys: BTreeSet<String> = entries.iter().map(|entry| entry.field.key()).collect();
         assert_eq!(keys.len(), entries.len());
         for entry in &entries {
-            assert!(!entry.field.help.is_empty());
+            assert!(!entry.field.help().is_empty());
             for choice in entry.needs.iter().flat_map(Requirement::choices) {
                 let chooser = entries.iter().find(|other| other.field.key() == choice.key).unwrap();
                 let names = match chooser.field.allowed {

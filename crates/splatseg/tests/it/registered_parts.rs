@@ -290,7 +290,7 @@ fn their_settings_are_checked_written_and_read() {
     assert!(describe_settings("near").unwrap().contains("`near.halves`"));
     let weights = entries().into_iter().find(|entry| entry.field.key() == "weights").unwrap();
     assert_eq!(weights.needs[0].to_string(), "segmenter = affinity or fastsam or near");
-    assert!(weights.field.help.starts_with("Checkpoint of FastSAM"));
+    assert!(weights.field.help().starts_with("Checkpoint of FastSAM"));
 }
 
 #[test]
