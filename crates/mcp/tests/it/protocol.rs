@@ -3,7 +3,7 @@
 use crate::support::{options, room};
 use serde_json::{Value, json};
 use splatseg_mcp::{Assistant, MAX_MESSAGE_BYTES, MapServer};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader, DuplexStream, ReadHalf, WriteHalf};
 
 /// A client that sends lines.
@@ -188,7 +188,6 @@ fn changed(line: &str, random: &mut Random) -> Vec<u8> {
 
 #[test]
 fn changed_messages_neither_end_the_server_nor_make_a_tool_fail() {
-    let started = Instant::now();
     with_lines(async |lines| {
         let calls = [
             call(1, "list_objects", &json!({ "limit": 5, "offset": 1, "name": "table", "min_size_m": 0.1 })),
@@ -202,12 +201,10 @@ fn changed_messages_neither_end_the_server_nor_make_a_tool_fail() {
             PING.to_owned(),
         ];
         let mut random = Random(0x5eed);
-        let mut sent = 0;
-        while started.elapsed() < Duration::from_secs(8) {
+        for _ in 0..15 {
             for _ in 0..50 {
                 let line = changed(&calls[random.below(calls.len())], &mut random);
                 lines.send(line).await;
-                sent += 1;
             }
             lines.send(r#"{"jsonrpc":"2.0","id":424242,"method":"ping"}"#).await;
             loop {
@@ -219,6 +216,5 @@ fn changed_messages_neither_end_the_server_nor_make_a_tool_fail() {
                 }
             }
         }
-        assert!(sent > 500, "only {sent} messages");
     });
 }

@@ -323,7 +323,7 @@ mod tests {
             for _ in 0..patches.len() {
                 for (one, a) in patches.iter().enumerate() {
                     for (other, b) in patches.iter().enumerate() {
-                        if a.mean.distance(b.mean) <= link(a.cover + b.cover) - 1e-6 {
+                        if are_linked(a, b) {
                             expected[one] = expected[one].min(expected[other]);
                         }
                     }
