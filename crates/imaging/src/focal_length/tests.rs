@@ -32,7 +32,8 @@ fn view((focal, k1): (f32, f32), turn: glam::Quat, position: Vec3) -> Image<[u8;
     let (width, height) = (200, 150);
     let ray = |column: f32, row: f32| {
         let seen = Vec2::new(column - 99.5, row - 74.5) / (focal * width as f32);
-        let undistorted = (0..20).fold(seen, |place, _| 0.5 * (place + seen / (1.0 + k1 * place.length_squared())));
+        let steps = if k1 == 0.0 { 0 } else { 20 };
+        let undistorted = (0..steps).fold(seen, |place, _| 0.5 * (place + seen / (1.0 + k1 * place.length_squared())));
         turn * undistorted.extend(1.0).normalize()
     };
     let seen = |ray: Vec3| {

@@ -13,9 +13,12 @@ use std::path::{Path, PathBuf};
 /// UTM coordinates.
 const OFFSET: DVec3 = DVec3::new(5e5, 5.4e6, 160.0);
 
-/// Copies the demo's scene with all cameras moved by `offset`.
+/// Number of frames of the demo's scene.
+const FRAMES: usize = 24;
+
+/// Copies the beginning of the demo's scene with all cameras moved by `offset`.
 fn scene(folder: &Path, offset: DVec3) -> PathBuf {
-    copy_demo_clip(&CLIP_PARTS, usize::MAX, folder);
+    copy_demo_clip(&CLIP_PARTS, FRAMES, folder);
     for name in file_names(&folder.join("pose")) {
         let path = folder.join("pose").join(name);
         let mut numbers: Vec<f64> =

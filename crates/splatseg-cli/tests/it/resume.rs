@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-const ROOM: &str = "synthetic:frames=54,width=96,height=72,objects=8,noise=kinect";
+const ROOM: &str = "synthetic:frames=36,width=96,height=72,objects=8,noise=kinect";
 
 fn run(out: &Path, more: &[&str]) -> Ended {
     finish(splatseg().args(["run", ROOM, "--out"]).arg(out).args(more))
