@@ -90,12 +90,13 @@ impl ViewServer {
     }
 
     fn shown_address(&self) -> SocketAddr {
-        let ip = match self.address.ip() {
+        let localhost: IpAddr = match self.address.ip() {
             IpAddr::V4(ip) if ip.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
             IpAddr::V6(ip) if ip.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
-            ip => ip,
+            // With the scope that a link-local address has.
+            _ => return self.address,
         };
-        SocketAddr::new(ip, self.address.port())
+        SocketAddr::new(localhost, self.address.port())
     }
 
     /// Publishes a frame with the pose of its camera; `None` if that is lost. `frame` is called only if somebody watches
