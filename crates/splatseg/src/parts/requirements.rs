@@ -119,7 +119,12 @@ impl Registry {
 }
 
 /// Describes a setting that chooses a part.
-pub(crate) fn choice(name: &'static str, default: Option<&str>, names: &'static [&'static str], doc: &'static str) -> Field {
+pub(crate) fn choice(
+    name: &'static str,
+    default: Option<&str>,
+    names: &'static [&'static str],
+    doc: &'static str,
+) -> Field {
     Field {
         section: "",
         name,
