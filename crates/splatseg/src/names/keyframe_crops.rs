@@ -29,7 +29,7 @@ pub fn views_from_keyframes(memory: &SplatMemory, keyframes: &[u8]) -> Result<Ke
     Ok(views)
 }
 
-/// The object at each pixel of a keyframe's colour image, as the map tells. `None` if the keyframe is no possible frame.
+/// Renders the map's object at each pixel of a keyframe's colour image. `None` if the keyframe is not a valid frame.
 pub fn segments_of_keyframe(memory: &SplatMemory, view: &KeyframeView, color: &Image<[u8; 3]>) -> Option<SegmentMap> {
     let ids = ids_of(memory, view, color)?;
     Some(Image::from_fn(color.width(), color.height(), |column, row| {
@@ -37,7 +37,7 @@ pub fn segments_of_keyframe(memory: &SplatMemory, view: &KeyframeView, color: &I
     }))
 }
 
-/// The object at each pixel of a keyframe's depth image. `None` if the keyframe is no possible frame.
+/// Renders the map's object at each pixel of a keyframe's depth image. `None` if the keyframe is not a valid frame.
 fn ids_of(memory: &SplatMemory, view: &KeyframeView, color: &Image<[u8; 3]>) -> Option<SegmentMap> {
     let (width, height) = view.depth.size();
     let small = Image::from_fn(width, height, |column, row| {

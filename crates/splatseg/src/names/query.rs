@@ -54,7 +54,7 @@ const FILLERS: [&str; 23] = [
     "colored",
 ];
 
-/// A size that is asked for.
+/// A size in a query.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AskedSize {
     /// Small for its kind.
@@ -99,13 +99,13 @@ impl Query {
         Self { text: text.trim().to_owned(), thing: thing.join(" "), color, size }
     }
 
-    /// True if one is asked for by its size: `the smallest`, `largest box`.
+    /// True if the query wants one object, chosen by its size: `the smallest`, `largest box`.
     pub fn is_superlative(&self) -> bool {
         let text = self.text.to_lowercase();
         words(&text).any(|word| word.ends_with("est") && (SMALL.contains(&word) || LARGE.contains(&word)))
     }
 
-    /// How well a colour fits the one that is asked for, 0 to 1; 1 if none is.
+    /// How well a colour fits the one in the query, 0 to 1; 1 if the query has none.
     pub(super) fn color_fit(&self, found: Option<[u8; 3]>) -> f32 {
         let Some(asked) = self.color else { return 1.0 };
         let Some(found) = found else { return 0.0 };

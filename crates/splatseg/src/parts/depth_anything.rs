@@ -76,7 +76,7 @@ struct DepthAnything {
     assumed: Option<f32>,
 }
 
-/// Shift of a relative network's inverse depth that is assumed, 1/m: its 0 is no farther than that.
+/// Assumed shift of a relative network's inverse depth, 1/m: where the network gives 0, depth is `FARTHEST_DEPTH`.
 const ASSUMED_SHIFT: f32 = 1.0 / FARTHEST_DEPTH;
 
 impl DepthAnything {
